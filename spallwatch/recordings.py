@@ -113,7 +113,7 @@ def to_signal(samples: ArrayLike, *, rate_hz: float, unit: str, channels: Sequen
 
 
 def read(path: str | PathLike[str], **how: Unpack[Reading]) -> xr.DataArray:
-    """Read one file of any known format.
+    """Read one file of any known format, which holds one recording.
 
     Args:
         path: of the file.
@@ -132,8 +132,10 @@ def read(path: str | PathLike[str], **how: Unpack[Reading]) -> xr.DataArray:
     """
     found = list(itertools.islice(blocks(path, block_s="file", **how), 2))
     if len(found) != 1:
-        count = "no file that is read" if not found else "several files"
-        raise RecordingError(f"{fspath(path)}: holds {count}; read is for one file, blocks for recordings of several")
+        count = "no file that is read"
+        if found:
+            count = "several recordings" if "#" in found[1].attrs["name"] and Path(path).is_file() else "several files"
+        raise RecordingError(f'{fspath(path)}: holds {count}; read is for one, blocks(..., block_s="file") yields each')
     return found[0]
 
 
@@ -148,7 +150,7 @@ def blocks(
 
     Args:
         path: of the recording; also with the name of a data set before it, such as ``dataset:pronostia:PATH``.
-        block_s: length of a block, s; "file": one block a file.
+        block_s: length of a block, s; "file": one block a file, or each recording of it.
         skip_rejected: go on after a block that cannot be read, instead of raising.
         how: see ``Reading``.
 

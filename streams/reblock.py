@@ -204,7 +204,7 @@ def _follows(before: Samples, after: Samples) -> bool:
     )
     if not alike:
         return False
-    if before.origin == after.origin:
+    if before.origin == after.origin and before.begin == after.begin:
         return after.offset == before.end
     if not (before.joins and after.joins):
         return False
@@ -233,6 +233,11 @@ def samples_hash(
         digest.update(repr(("pulses", pulses.times.size, pulses.per_revolution)).encode())
         digest.update(np.ascontiguousarray(pulses.times, dtype="<f8").data)
     return digest.hexdigest()
+
+
+def name_of_recording(name: str, number: int) -> str:
+    """Return the name of a recording by that of its file: ``FILE``, the second one in it ``FILE#2``."""
+    return name if number == 1 else f"{name}#{number}"
 
 
 class Numbering:
@@ -272,6 +277,19 @@ class Numbering:
             else replace(block, start=placed[0], elapsed=placed[1], stated=TimeStatement("count"))
         )
 
+    def whole(
+        self, samples: Samples, name: str, digest: str, number: int | None = None, *, of_several: bool = False
+    ) -> Block:
+        """Return a file, or one of its several recordings, as one block.
+
+        ``digest`` is that of the file, which may grow by further recordings; so a block of several has that of its own
+        samples.
+        """
+        if not of_several:
+            return self.block(samples, name, digest, number)
+        own = samples_hash(samples.values, samples.known_rate, samples.channels)
+        return self.block(samples, name_of_recording(name, samples.number), own)
+
     def rejected(self, name: str, error: ReaderError, digest: str, number: int | None = None) -> Rejected:
         """Return a rejection, under the next number by default."""
         number = self.highest + 1 if number is None else number
@@ -282,14 +300,15 @@ class Numbering:
     def cut(self, cut: Cut) -> Block | Rejected:
         """Return the block that was cut, or the rejection ``short`` of what is left over.
 
-        Its name states the file of its first sample, and the time from the start of the file where it is not the first
-        sample there. Its content hash is :func:`samples_hash`.
+        Its name states the recording of its first sample, and the time from the start of that where it is not the
+        first sample there. Its content hash is :func:`samples_hash`.
         """
         samples, origin = cut.samples, cut.samples.origin
         name, total = (origin.key, origin.total) if isinstance(origin, Origin) else (str(origin), 0)
         rate, length = samples.known_rate, samples.values.shape[1]
-        if samples.offset:
-            name = f"{name}[{round(samples.offset / rate, 3):.15g} s]"
+        name = name_of_recording(name, samples.number)
+        if samples.offset != samples.begin:
+            name = f"{name}[{round((samples.offset - samples.begin) / rate, 3):.15g} s]"
         digest = samples_hash(samples.values, rate, samples.channels, samples.block_pulses)
         if not cut.missing:
             return self.block(samples, name, digest)

@@ -162,7 +162,7 @@ class Dater:
 
     def _by_header(self, samples: Samples, start: float, path: str, ended: float | None) -> Samples:
         """Date a file by its header; ``ended`` is its last change less its length."""
-        named = self._name_stamp(path)
+        named = self._name_stamp(path) if samples.number == 1 else None
         others: Witnesses = {"name": None if named is None else named.fixed, "mtime": ended}
         stated = by_header(samples, start, self._spec.timezone, others)
         doubt = stamp_doubt(start, samples.values.shape[1] / samples.known_rate, stated)

@@ -25,6 +25,7 @@ from streams.files.levels import (
 )
 from streams.files.parse.complete import declared_size
 from streams.files.pulse_times import fitting_pulses
+from streams.files.successive import check_order
 from streams.reblock import MIN_BLOCK_SHARE, Reblocker
 from streams.types.large import Data, FileBytes, NoRoomError
 from streams.types.limits import max_blocks
@@ -110,7 +111,7 @@ class Loader:
         changed: float | None = None,
         whole: bool = True,
     ) -> Samples:
-        """Return the configured channels of a file, with rate, units and times settled.
+        """Return the configured channels of a file, with rate, units and times settled, of each of its recordings.
 
         Args:
             raw: the bytes of the file as stored.
@@ -131,6 +132,8 @@ class Loader:
         self, samples: Samples, path: str, facts: FileFacts, changed: float | None, *, whole: bool = True
     ) -> Samples:
         """Return what :meth:`load_undated` gave with its times; arguments and errors as :meth:`load`."""
+        if samples.following:
+            return self._date_each(samples, path, facts, changed, whole=whole)
         if self.dater is None or facts.start is not None or facts.elapsed is not None:
             start, elapsed = self._times(samples, facts)
             if start is not None:
@@ -140,6 +143,23 @@ class Loader:
                 self.dater.note_own(self.data_set.name, start if elapsed is None else None)
             return fitting_pulses(replace(samples, start=start, elapsed=elapsed), path)
         return fitting_pulses(self.dater.date(samples, path, changed, whole=whole), path)
+
+    def _date_each(
+        self, samples: Samples, path: str, facts: FileFacts, changed: float | None, *, whole: bool
+    ) -> Samples:
+        """Date the recordings of a file: each by its own start or, where that of the file is by its name, a count or
+        its last change, the later ones by how far their starts are behind that of the first.
+        """
+        first, *others = samples.recordings
+        last = others[-1]
+        begun = first.start or 0.0
+        span = (last.time_of(last.end) or 0.0) - (first.time_of(first.end) or 0.0)
+        dated = self.date(first, path, facts, None if changed is None else changed - span, whole=whole)
+        if dated.start is not None and dated.stated is not None and dated.stated.source in ("header", "header_local"):
+            found = [self.date(one, path, facts, None, whole=whole) for one in others]
+        else:
+            found = [_later(one, dated, (one.start or 0.0) - begun) for one in others]
+        return replace(dated, following=tuple(found))
 
     def _stated(self, start: float, *, counted: bool, named: bool) -> TimeStatement:
         """Return what the start of a file of a data set is by: a count, a local time in its name, or its header."""
@@ -152,12 +172,21 @@ class Loader:
     def load_undated(self, raw: Data, path: str, facts: FileFacts, name: str) -> Samples:
         """Return the same without times but those that the file states; ReaderError as :meth:`load`."""
         samples = self.read(raw, path, name)
+        if not samples.following:
+            return self._settled(samples, facts, len(raw), name)
+        samples = samples.of_each(lambda one: self._settled(one, facts, len(raw), name))
+        told = f"{name}: holds {len(samples.recordings)} recordings"
+        check_order([(f"recording {one.number}", one) for one in samples.recordings], told, self._spec.timezone)
+        return samples
+
+    def _settled(self, samples: Samples, facts: FileFacts, stored: int, name: str) -> Samples:
+        """Return the configured channels of a recording with rate and units, of a file of so many bytes."""
         self._check_length(samples, name)
         samples = choose_channels(samples, self._spec.channels, self.data_set.unit, name, self._spec.range_g)
         if self.data_set.plain and self._spec.channels:
             refuse_running(samples, self._spec.channels, name)
         rate = agreed_rate((samples.rate, facts.rate), self._spec.rate, name, opened_rate(samples))
-        self._check_blocks(samples.values.shape[1], rate, len(raw), name)
+        self._check_blocks(samples.values.shape[1], rate, stored, name)
         return replace(
             samples,
             rate=rate,
@@ -174,7 +203,7 @@ class Loader:
             if not raw:
                 raise ReaderError("empty", f"{path}: the file has 0 bytes")
             samples = self.data_set.read(raw, path)
-            samples = with_times(samples, path) if self.data_set.plain else samples
+            samples = samples.of_each(lambda one: with_times(one, path)) if self.data_set.plain else samples
             if isinstance(raw, FileBytes) and raw.is_changed:
                 raise changed_error(path)
             return samples
@@ -236,6 +265,12 @@ class Loader:
             return None, None
         elapsed = facts.elapsed or 0.0
         return None if self._spec.start is None else self._spec.start + elapsed, elapsed
+
+
+def _later(samples: Samples, first: Samples, seconds: float) -> Samples:
+    """Return a recording with the times of the first one of its file, so much later."""
+    start, elapsed = (None if time is None else time + seconds for time in (first.start, first.elapsed))
+    return replace(samples, start=start, elapsed=elapsed, joins=first.joins, stated=first.stated)
 
 
 def renamed(error: ReaderError, path: str, name: str) -> ReaderError:

@@ -231,7 +231,7 @@ def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet
         samples = data_set.read(data, path) if layout is None else described_samples(data, path, layout)
         if note is not None:
             samples = apply_note(samples, note, path, spec.timezone, spec.disregard)
-        return samples if sidecar is None else apply_sidecar(samples, sidecar, path)
+        return samples if sidecar is None else samples.of_each(lambda one: apply_sidecar(one, sidecar, path))
 
     there = _has_sidecars(root, files)
     states_rate, states_unit = data_set.states_rate or there, data_set.states_unit or there

@@ -29,6 +29,7 @@ from streams.files.judge import Start, agreed_rate, joint_rate, judge_start, ope
 from streams.files.notes import is_note
 from streams.files.parse.child import isolated
 from streams.files.statements import quantity_words, seconds_utc
+from streams.files.successive import HOW_TO_SPLIT
 from streams.types.large import Data, elementwise
 from streams.types.listing import unpacked_name
 from streams.types.samples import SCALED, VALUES, ReaderError, Samples
@@ -184,7 +185,7 @@ def _rate_with(samples: Samples, sidecar: SideCar, name: str) -> float | None:
 
 def _start_with(samples: Samples, sidecar: SideCar, name: str) -> float | None:
     """Return the time of the first sample by a file and its side-car; ReaderError ``unreadable`` where they differ."""
-    if sidecar.start is None:
+    if sidecar.start is None or samples.number > 1:
         return samples.start
     stated = [Start(sidecar.path, Stamp(utc_text(sidecar.start), sidecar.start, sidecar.start))]
     if samples.start is not None:
@@ -272,6 +273,9 @@ def with_pulse_files(data_set: DataSet, spec: SourceSpec, root: Path) -> DataSet
         beside = pulse_file_of(spec.pulses, path)
         if beside is None or not os.path.lexists(f"{root}/{beside}"):
             return samples
+        if samples.following:
+            reason = f"holds {len(samples.recordings)} recordings, and {beside} pulses of one; {HOW_TO_SPLIT}"
+            raise ReaderError("wrong_shape", f"{path}: {reason}")
         try:
             raw = read_guarded(root, beside)
             if not raw:

@@ -254,7 +254,7 @@ def _found(
 ) -> Survey:
     """Return what the first and the last file that were ``read`` state."""
     first, last = next(iter(read)), list(read)[-1]
-    samples, ending, facts = read[first], read[last], known[first][1]
+    samples, ending, facts = read[first], read[last].recordings[-1], known[first][1]
     rate, rate_from = samples.rate if samples.rate is not None else facts.rate, None
     rows = surveyed_rows(samples, data_set.unit, rate)
     if rate is None:

@@ -275,8 +275,11 @@ class Intake:
             if touched and base is not None and base.verdict != PENDING:
                 self._register.remember(entry, replace(raw.progress, samples=base.samples, verdict=base.verdict))
                 return True
-            if touched or (self._grows and raw.is_more_of(last)):
-                self._register.tell(entry, Continued(0 if base is None else base.samples))
+            done = 0 if base is None else base.samples
+            if not touched and entry.state.outstanding and self._reblocker is None:
+                done = entry.state.total
+            if touched or self._is_continued(raw, last, result, done):
+                self._register.tell(entry, Continued(done))
                 return False
             self._deliver_batch()
             self._flush()
@@ -300,6 +303,14 @@ class Intake:
             self._deliver(rejected, [(entry, progress)])
         return True
 
+    def _is_continued(self, raw: Raw, last: FileProgress, result: Result, done: int) -> bool:
+        """Return whether a file that was read before is longer by samples, or by recordings behind those done."""
+        if not self._grows:
+            following = result.following if isinstance(result, Samples) else ()
+            if not following or (self._reblocker is None and done not in [one.begin for one in following]):
+                return False
+        return raw.is_more_of(last)
+
     def _number_of(self, entry: FileEntry, facts: FileFacts) -> int | None:
         """Return the number that a file states for its block, if blocks have such.
 
@@ -309,17 +320,25 @@ class Intake:
 
     def _emit(self, entry: FileEntry, raw: Raw, facts: FileFacts, samples: Samples) -> Iterator[None]:
         """Deliver the blocks of a file; yield after each."""
-        begin = min(entry.state.fed, samples.values.shape[1])
-        self._register.tell(entry, Emitted(raw.progress, samples.values.shape[1], self._reblocker is not None))
+        done = min(entry.state.fed, samples.total)
+        self._register.tell(entry, Emitted(raw.progress, samples.total, self._reblocker is not None))
         self._latest_order = entry.order if self._latest_order is None else max(self._latest_order, entry.order)
         if self._reblocker is None:
             number = self._number_of(entry, facts)
-            progress = replace(raw.progress, samples=entry.total, verdict=ACCEPTED)
-            block = self._numbers.block(samples, entry.key, raw.progress.content_hash, number)
-            self._deliver(block, [(entry, progress)])
+            several = bool(samples.following)
+            for one in samples.recordings:
+                if not several or one.end > done:
+                    verdict = ACCEPTED if one.end == samples.total else PENDING
+                    progress = replace(raw.progress, samples=one.end, verdict=verdict)
+                    digest = raw.progress.content_hash
+                    block = self._numbers.whole(one, entry.key, digest, number, of_several=several)
+                    self._deliver(block, [(entry, progress)])
             return
-        rest = replace(samples, values=samples.values[:, begin:], origin=entry, offset=begin)
-        yield from self._deliver_cuts(self._reblocker.feed(rest))
+        for one in samples.recordings:
+            if one.end > done or one.end == samples.total:
+                skipped = max(done - one.begin, 0)
+                rest = replace(one, values=one.values[:, skipped:], origin=entry, offset=one.begin + skipped)
+                yield from self._deliver_cuts(self._reblocker.feed(rest))
         if (samples.start is None or not samples.joins) and not self._grows:
             # The start of the next file is unknown, so it cannot be joined to this one.
             yield from self._deliver_cuts(self._reblocker.flush())

@@ -6,7 +6,7 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from streams.files.datasets import FileFacts
-from streams.reblock import Cut
+from streams.reblock import Cut, name_of_recording
 from streams.types.block import Block, Rejected
 from streams.types.listing import shown
 from streams.types.samples import Origin, ReaderError, Samples
@@ -36,8 +36,15 @@ class Loaded:
 
     @property
     def name(self) -> str:
-        """The path in printable characters."""
-        return shown(self.path)
+        """The path in printable characters, with the number of the recording where it is a later one of its file."""
+        return name_of_recording(shown(self.path), 1 if isinstance(self.result, ReaderError) else self.result.number)
+
+    @property
+    def recordings(self) -> list[Loaded]:
+        """The recordings of the file, each alone; the error alone."""
+        if isinstance(self.result, ReaderError):
+            return [self]
+        return [replace(self, result=one) for one in self.result.recordings]
 
 
 @dataclass(frozen=True)
@@ -123,7 +130,7 @@ class Given:
         return replace(loaded, result=error, repeats=number)
 
     def note_file(self, loaded: Loaded, item: Block | Rejected) -> None:
-        """Count a file that is a block or a rejection."""
+        """Count a file that is a block or a rejection, by the first of its recordings where it holds several."""
         if isinstance(item, Rejected):
             self.rejected += 1
         else:

@@ -138,7 +138,10 @@ class Recording:
         return SourceError(f"[[source]] {self.name}: {error}")
 
     def __len__(self) -> int:
-        """Return the number of blocks and rejections, found by one pass."""
+        """Return the number of blocks and rejections, found by one pass; where each file is a block, that of files,
+
+        until an iteration has found which of them hold several recordings.
+        """
         if self._count is None:
             one_a_file = self._block_s is None
             self._count = self._count_files() if one_a_file else sum(1 for _ in self._parts(self._new_reading()))
@@ -146,9 +149,11 @@ class Recording:
 
     def has_blocks(self, count: int) -> bool:
         """Return whether there are so many blocks and rejections, without reading on behind them."""
-        if self._count is not None or self._block_s is None:
+        known = self._count is not None or self._block_s is None
+        # Files of a plain format may hold several recordings.
+        if known and (len(self) >= count or self._block_s is not None or not self._set.plain):
             return len(self) >= count
-        return sum(1 for _ in itertools.islice(self._parts(self._new_reading()), count)) >= count
+        return sum(1 for _ in itertools.islice(self._items(self._new_reading()), count)) >= count
 
     def state(self) -> ReadingState | None:
         """Return the state after the latest item, from which another :class:`Recording` goes on.
@@ -165,16 +170,19 @@ class Recording:
         return {}
 
     def ends(self) -> list[Loaded]:
-        """Load the first and the last file, one where there is no other or an archive has to be read in its order."""
+        """Load the first and the last recording of all files, of an archive, which is read in its order, the first."""
         if self._files.sequential:
-            return [self._load(item, facts) for facts, item in itertools.islice(self._known(), 1)]
+            return list(self.first_files(1))
         known = sorted(self._known(), key=_in_order_of_name)
-        return [self._load(item, facts) for facts, item in (known if len(known) < 2 else (known[0], known[-1]))]
+        loaded = [self._load(item, facts) for facts, item in (known if len(known) < 2 else (known[0], known[-1]))]
+        found = [recording for file in loaded for recording in file.recordings]
+        return found if len(found) < 2 else [found[0], found[-1]]
 
     def first_files(self, count: int) -> Iterator[Loaded]:
-        """Load the first files, at most ``count``."""
+        """Load the first files, or recordings where a file holds several, at most ``count``."""
         known = self._known() if self._files.sequential else sorted(self._known(), key=_in_order_of_name)
-        yield from (self._load(item, facts) for facts, item in itertools.islice(known, count))
+        loaded = (self._load(item, facts) for facts, item in itertools.islice(known, count))
+        yield from itertools.islice(itertools.chain.from_iterable(each.recordings for each in loaded), count)
 
     def files(self) -> Backlog:
         """Return the counts of files: those that the latest iteration has not given are pending."""
@@ -267,17 +275,26 @@ class Recording:
     def _items(self, reading: RecordingPass) -> Iterator[Block | Rejected]:
         for part in self._parts(reading):
             if isinstance(part, Cut):
-                item = reading.numbers.cut(part)
                 reading.given.note_cut(part)
+                items: Iterable[Block | Rejected] = (reading.numbers.cut(part),)
             else:
                 number = part.facts.number if self._block_s is None else None
                 if isinstance(part.result, ReaderError):
-                    item = reading.numbers.rejected(part.name, part.result, part.digest, part.repeats or number)
+                    again = part.repeats or number
+                    items = (reading.numbers.rejected(part.name, part.result, part.digest, again),)
                 else:
-                    item = reading.numbers.block(part.result, part.name, part.digest, number)
-                reading.given.note_file(part, item)
-            reading.note(item)
-            yield item
+                    items = self._blocks_of(part, reading, number)
+            for place, item in enumerate(items):
+                if isinstance(part, Loaded) and not place:
+                    reading.given.note_file(part, item)
+                reading.note(item)
+                yield item
+
+    def _blocks_of(self, loaded: Loaded, reading: RecordingPass, number: int | None) -> Iterator[Block]:
+        if isinstance(loaded.result, Samples):
+            several, name = bool(loaded.result.following), loaded.name
+            for one in loaded.result.recordings:
+                yield reading.numbers.whole(one, name, loaded.digest, number, of_several=several)
 
     def _parts(self, reading: RecordingPass) -> Iterator[Cut | Loaded]:
         """Yield the files in order or, unless each is a block, their cuts and those that give none."""
@@ -369,7 +386,8 @@ class Recording:
             raise self._undated(error) from error
         except ReaderError as error:
             return Loaded(item.path, facts, renamed(error, item.path, name), digest)
-        return Loaded(item.path, facts, replace(samples, origin=Origin(name, samples.values.shape[1])), digest)
+        origin = Origin(name, samples.total)
+        return Loaded(item.path, facts, samples.of_each(lambda one: replace(one, origin=origin)), digest)
 
     def _cuts(self, files: Iterable[Loaded], cutter: Reblocker) -> Iterator[Cut | Loaded]:
         """Yield the cuts of files in order, and files that give none."""
@@ -381,7 +399,8 @@ class Recording:
                     yield from cutter.flush()
                 yield loaded
                 continue
-            yield from cutter.feed(samples)
+            for recording in samples.recordings:
+                yield from cutter.feed(recording)
         yield from cutter.flush()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, replace
 from math import prod
 from typing import Any
@@ -80,6 +80,9 @@ class Samples:
         hashed: rows of the file whose content is compared, where others come from files beside it; None: all.
         beside: names of rows of the file that are left out: of another length or, where no channel is configured, no
             vibration.
+        number: of the recording in its file, from 1.
+        begin: index of its first value in the file, which is the origin of all its recordings.
+        following: the other recordings of the file, in order of time.
     """
 
     values: NDArray[Any]
@@ -112,6 +115,9 @@ class Samples:
     count_scales: tuple[float | None, ...] = ()
     stated_speed: float | None = None
     stated_load: float | None = None
+    number: int = 1
+    begin: int = 0
+    following: tuple[Samples, ...] = ()
 
     def __post_init__(self) -> None:
         """Fill in the defaults of the rows; ValueError where parts do not fit."""
@@ -149,7 +155,7 @@ class Samples:
     def is_constant(self) -> bool:
         """Whether all samples of each row whose content is compared are equal, as those of a dead sensor."""
         rows = self.values[: self.hashed]
-        return bool(np.all(rows == rows[:, :1]))
+        return bool(np.all(rows == rows[:, :1])) and all(one.is_constant for one in self.following)
 
     @property
     def end(self) -> int:
@@ -159,11 +165,28 @@ class Samples:
     @property
     def block_pulses(self) -> Pulses | None:
         """The pulses with times counted from the first of these samples, which must have all of them."""
-        return None if self.pulses is None else self.pulses.shifted(-self.offset / self.known_rate)
+        return None if self.pulses is None else self.pulses.shifted((self.begin - self.offset) / self.known_rate)
+
+    @property
+    def recordings(self) -> tuple[Samples, ...]:
+        """The recordings of the file, each without the others."""
+        return (replace(self, following=()), *self.following) if self.following else (self,)
+
+    @property
+    def total(self) -> int:
+        """Number of samples of all recordings of the file."""
+        return (self.following[-1] if self.following else self).end
+
+    def of_each(self, change: Callable[[Samples], Samples]) -> Samples:
+        """Return what a change makes of each recording of the file."""
+        if not self.following:
+            return change(self)
+        first, *others = map(change, self.recordings)
+        return replace(first, following=tuple(others))
 
     def time_of(self, index: int) -> float | None:
-        """Return the time of a sample of the origin, however the origin was divided."""
-        return None if self.start is None else self.start + index / self.known_rate
+        """Return the time of a sample of the recording by its index in the origin, however that was divided."""
+        return None if self.start is None else self.start + (index - self.begin) / self.known_rate
 
     def elapsed_since(self, began: float | None) -> float | None:
         """Return the seconds from the first sample of the source to these, or None.
@@ -171,7 +194,7 @@ class Samples:
         ``began``: start of the first dated block of the source, s since 1970 UTC; None where this is the first.
         """
         if self.elapsed is not None:
-            return self.elapsed + self.offset / self.known_rate
+            return self.elapsed + (self.offset - self.begin) / self.known_rate
         start = self.time_of(self.offset)
         if start is None:
             return None
@@ -223,6 +246,16 @@ class Samples:
             stated=self.stated,
             left_out=self.beside,
         )
+
+
+def one_after_another(recordings: Sequence[Samples]) -> Samples:
+    """Return the first of the recordings of a file, followed by the others."""
+    placed: list[Samples] = []
+    begin = 0
+    for number, one in enumerate(recordings, 1):
+        placed.append(replace(one, number=number, begin=begin, offset=begin, following=()))
+        begin += one.values.shape[1]
+    return replace(placed[0], following=tuple(placed[1:]))
 
 
 def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:

@@ -55,6 +55,7 @@ class Head:
         decimal: decimal sign of the numbers below.
         size_of_times: unit of a column of times, s, where the format defines it.
         separators: of columns that are possible there, a blank for any run of them.
+        promised: number of rows that are stated to follow at least, 0 where none is.
     """
 
     facts: dict[str, object] = field(default_factory=dict)
@@ -66,6 +67,7 @@ class Head:
     decimal: str = "."
     size_of_times: float | None = None
     separators: str = ";\t, "
+    promised: int = 0
 
 
 def cut_head(body: bytes, name: str) -> tuple[bytes, list[str]]:
@@ -267,9 +269,13 @@ def split_stamps(body: bytes, name: str, zone: str) -> StampedRows | None:
     return StampedRows(b"\n".join(numbers) + end, head, times, read_stamp(first, zone), columns, separator)
 
 
-def begins_with_stamps(body: bytes, zone: str) -> bool:
-    """Return whether the rows of a text begin with stamps, by its first lines; arguments as :func:`split_stamps`."""
-    return _first_row(body, zone) is not None
+def lines_above_stamps(body: bytes, zone: str) -> list[str] | None:
+    """Return the lines above the first row that begins with a stamp, None where the first row of numbers has none.
+
+    Arguments as of :func:`split_stamps`.
+    """
+    found = _first_row(body, zone)
+    return None if found is None else found[1]
 
 
 def _first_row(body: bytes, zone: str) -> tuple[int, list[str], str, int] | None:
@@ -301,6 +307,12 @@ def _stamp_columns(line: str, separator: str, zone: str) -> int:
     else:
         return 0
     return columns if is_number(fields[columns]) else 0
+
+
+def is_row(line: bytes, zone: str) -> bool:
+    """Return whether a line is one of numbers, alone or behind a stamp; ``zone`` is that of stamps."""
+    text = decoded(line).strip()
+    return _is_numbers(text) or any(_stamp_columns(text, separator, zone) for separator in ";\t, ")
 
 
 def _even_times(stamps: Sequence[bytes], zone: str) -> NDArray[np.float64] | None:

@@ -6,7 +6,6 @@ file are those at which it was made; the start of the samples is that of the seg
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from datetime import datetime, timedelta
 
@@ -15,7 +14,7 @@ from streams.files.statements import Facts, add_fact, number_of, plain_key
 from streams.types.samples import ReaderError
 from streams.types.stamps import read_stamp
 
-_END = "***End_of_Header***"
+END_OF_HEAD = "***End_of_Header***"
 _X_VALUE, _COMMENT = "xvalue", "comment"
 
 
@@ -24,32 +23,16 @@ def is_labview(text: bytes) -> bool:
     return text.lstrip()[:19].lower() == b"labview measurement"
 
 
-def labview_head(lines: list[str], body: bytes, name: str) -> Head:
-    """Return what both heads state.
-
-    Args:
-        lines: above the numbers.
-        body: the numbers.
-        name: of the file in messages.
+def labview_head(lines: list[str], name: str) -> Head:
+    """Return what both heads state, by the lines above the numbers of one segment.
 
     Raises:
-        ReaderError: ``wrong_shape`` for several segments, ``unreadable`` where no line ends the head.
+        ReaderError: ``unreadable`` where no line ends the head; ``name`` is that of the file in messages.
     """
-    heads = [
-        len(lines) + 1 + body.count(b"\n", 0, match.start()) for match in re.finditer(re.escape(_END).encode(), body)
-    ]
-    if heads:
-        ended = ", ".join(map(str, heads[:5])) + (", ..." if len(heads) > 5 else "")
-        raise ReaderError(
-            "wrong_shape",
-            f"{name}: holds {len(heads) + 1} segments of data, each with a start of its own (further heads end in line "
-            f"{ended}); write each below the head of the file to a file of its own, as LabVIEW does where it saves to "
-            "a series of files",
-        )
     lines = [line.strip() for line in lines]
-    ends = [place for place, line in enumerate(lines) if line.startswith(_END)]
+    ends = [place for place, line in enumerate(lines) if line.startswith(END_OF_HEAD)]
     if not ends:
-        raise ReaderError("unreadable", f"{name}: expected a line {_END} above the numbers, found none")
+        raise ReaderError("unreadable", f"{name}: expected a line {END_OF_HEAD} above the numbers, found none")
     head = Head(lines=len(lines), size_of_times=1.0, separators="\t" if any("\t" in line for line in lines) else ",")
     of_file = {plain_key(line[0]): line[1].strip() for line in map(_parts, lines[: ends[0]]) if len(line) > 1}
     titles = [line for line in lines[ends[-1] + 1 :] if line.strip()]
@@ -69,6 +52,8 @@ def labview_head(lines: list[str], body: bytes, name: str) -> Head:
         values = [part.strip().replace(decimal, ".") for part in line[1:]]
         if stated.setdefault(plain_key(line[0]), values) != values:
             stated[f"{plain_key(line[0])}#{line[0]} (again)"] = values
+    counts = [number for text in stated.get("samples", []) if (number := number_of(text)) is not None]
+    head.promised = int(max(counts, default=0.0))
     head.of_columns = tuple(_of_columns(stated, head.names or ()))
     return head
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 
 import numpy as np
 
@@ -11,16 +12,18 @@ from streams.files.formats.described import described
 from streams.files.formats.head import (
     MAX_HEAD_LINES,
     Head,
-    begins_with_stamps,
     cut_head,
     head_of,
+    lines_above_stamps,
     split_stamps,
     titles_with_blanks,
 )
-from streams.files.formats.lvm import is_labview, labview_body, labview_head
+from streams.files.formats.lvm import END_OF_HEAD, is_labview, labview_body, labview_head
 from streams.files.formats.numbers import Dialect, first_line_of, located, parse_columns, parse_file, parse_row
+from streams.files.formats.sections import Section, labview_sections, repeated_sections
 from streams.files.parse.worker import from_disk
 from streams.files.statements import plain_key
+from streams.files.successive import successive
 from streams.types.large import Data, FileBytes
 from streams.types.limits import MIN_COLUMNS_OF_A_ROW
 from streams.types.samples import ReaderError, Samples, check_rows
@@ -174,7 +177,7 @@ def read_layout(data: Data, name: str, zone: str = "UTC", disregard: Sequence[st
     rate or interval, the unit and the time of the first sample; units also stand behind a name, as ``x [g]``. A column
     of times (``t``, ``Time [us]``, ``epoch_ms``, ``X_Value``) is no channel but states the rate, and the start where it
     counts from 1970; a running number is no channel either. A single line of many numbers with one name or none is one
-    channel.
+    channel. Where the head stands again among the numbers, another recording begins.
 
     Args:
         zone: IANA name of the zone of stamps that name none.
@@ -182,19 +185,53 @@ def read_layout(data: Data, name: str, zone: str = "UTC", disregard: Sequence[st
 
     Raises:
         ReaderError: as :func:`read_text`; ``wrong_rate`` for uneven times; as :func:`streams.files.judge.judged` for
-            statements that contradict each other.
+            statements that contradict each other; as :func:`streams.files.successive.successive`.
     """
-    if isinstance(data, FileBytes):
-        found = _read_from_disk(data, name)
-        if found is not None:
-            return described(*found, name, zone, disregard)
-    text = clean_text(data[:], name)
+    found = _read_from_disk(data, name) if isinstance(data, FileBytes) else None
+    if found is not None:
+        return described(*found, name, zone, disregard)
+    if is_labview(data[:64].removeprefix(_BOM)) and (sections := labview_sections(clean_text(data[:], name), name)):
+        return _in_sections(sections, name, zone, disregard)
+    try:
+        # The text is not held while its numbers are parsed.
+        return _read_alone(clean_text(data[:], name), name, zone, disregard)[0]
+    except ReaderError as error:
+        text = clean_text(data[:], name)
+        sections = repeated_sections(text, _lines_above(text, name, zone), zone) if error.status != "empty" else []
+        if not sections:
+            raise
+    return _in_sections(sections, name, zone, disregard)
+
+
+def _in_sections(sections: Sequence[Section], name: str, zone: str, disregard: Sequence[str]) -> Samples:
+    """Return the recordings of a text; ``incomplete`` where one has fewer rows than its head says."""
+    found: list[tuple[str, Samples]] = []
+    for section in sections:
+        try:
+            samples, promised = _read_alone(section.text, name, zone, disregard)
+        except ReaderError as error:
+            raise section.moved(error, name) from error
+        if samples.values.shape[1] < promised:
+            reason = f"{promised} samples promised, {samples.values.shape[1]} there"
+            raise ReaderError("incomplete", f"{name}: in the recording from line {section.line} on: {reason}")
+        found.append((f"that with its head in line {section.title}", samples))
+    return successive(found, name, zone)
+
+
+def _lines_above(text: bytes, name: str, zone: str) -> list[str]:
+    """Return the lines above the first row of numbers, [] where there is none."""
+    with suppress(ReaderError):
+        return lines_above_stamps(text, zone) or cut_head(text, name)[1]
+    return []
+
+
+def _read_alone(text: bytes, name: str, zone: str, disregard: Sequence[str]) -> tuple[Samples, int]:
+    """Read a text of one recording; return also how many rows its head promises at least."""
     stamped = None if is_labview(text) else split_stamps(text, name, zone)
     body, skipped = cut_head(text, name) if stamped is None else (stamped.body, stamped.head)
     body = labview_body(body) if is_labview(text) else body
-    # The text is not held while its numbers are parsed.
     del text
-    head = _head_of(skipped, body, name)
+    head = _head_of(skipped, name)
     removed = 0 if stamped is None else stamped.columns
     # Behind a stamp a single column may be left, with decimal commas.
     separators = head.separators if stamped is None or stamped.separator not in ";\t" else stamped.separator
@@ -202,29 +239,18 @@ def read_layout(data: Data, name: str, zone: str = "UTC", disregard: Sequence[st
     try:
         samples = read_text(body, name, separators=separators, header=False, as_row=alone, head=head)
     except ReaderError as error:
-        moved = _moved(error, name, head.lines, removed)
-        raise ReaderError(moved.status, f"{moved}{_head_again(body, head)}") from error
-    return described(_titled(samples, head, name, removed), head, name, zone, disregard, stamped)
+        raise _moved(error, name, head.lines, removed) from error
+    return described(_titled(samples, head, name, removed), head, name, zone, disregard, stamped), head.promised
 
 
-def _head_again(body: bytes, head: Head) -> str:
-    """Return in words that a line of names stands among the numbers again, "" where it does not."""
-    first = (head.names or ("",))[0]
-    again = re.search(rb'(?m)^[#%"\s]*' + re.escape(first.encode()) + b"(?![^\\W\\d])", body) if first else None
-    if again is None:
-        return ""
-    line = head.lines + 1 + body.count(b"\n", 0, again.end())
-    return f"; its head stands again in line {line}: write each of its recordings to a file of its own"
-
-
-def _head_of(lines: list[str], body: bytes, name: str) -> Head:
-    return labview_head(lines, body, name) if is_labview(lines[0].encode() if lines else b"") else head_of(lines)
+def _head_of(lines: list[str], name: str) -> Head:
+    return labview_head(lines, name) if is_labview(lines[0].encode() if lines else b"") else head_of(lines)
 
 
 def _read_from_disk(data: FileBytes, name: str) -> tuple[Samples, Head] | None:
     """Read a large file as :func:`read_layout`, line by line; None for one that has to be read as a whole.
 
-    Such are UTF-16, rows with stamps, ends of lines without a newline, and few long lines.
+    Such are UTF-16, rows with stamps, several recordings, ends of lines without a newline, and few long lines.
     """
     begin = len(_BOM) if data.startswith(_BOM) else 0
     top = data[begin : begin + _MAX_HEAD_BYTES]
@@ -232,11 +258,14 @@ def _read_from_disk(data: FileBytes, name: str) -> tuple[Samples, Head] | None:
         return None
     if data.find(b"\0") >= 0:
         clean_text(b"\0", name)
-    if not is_labview(top) and begins_with_stamps(top, "UTC"):
+    if is_labview(top):
+        if data.find(END_OF_HEAD.encode(), len(top) - len(cut_head(top, name)[0])) >= 0:
+            return None
+    elif lines_above_stamps(top, "UTC") is not None:
         return None
     rest, skipped = cut_head(top, name)
     begin += len(top) - len(rest)
-    head, first = _head_of(skipped, rest, name), first_line_of(rest)
+    head, first = _head_of(skipped, name), first_line_of(rest)
     points = data.find(b".", begin) >= 0
     dialect = _sniff(first, b"," if not points and data.find(b",", begin) >= 0 else b".", head.separators, head)
     width, head.decimal = dialect.count(first), dialect.decimal

@@ -17,9 +17,12 @@ import weakref
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
+from itertools import accumulate
+from math import prod
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.platform.portable import DiskFile, MemoryFile, PipeReader, after_fork, handed_down
 from models.platform.process_signals import child_path
@@ -28,7 +31,7 @@ from streams.files.parse.worker import read_all, read_into, write_all
 from streams.turns.pulses import Pulses
 from streams.types.large import Data, FileBytes, NoRoomError, mapped_array
 from streams.types.limits import MAX_BYTES, ChildLimits
-from streams.types.samples import ReaderError, Samples
+from streams.types.samples import ReaderError, Samples, one_after_another
 
 _ANSWER_BYTES = 1 << 22
 _KEPT_BYTES = 64 << 20
@@ -224,27 +227,30 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             raise ReaderError(str(answer["status"]), str(answer["reason"]))
         if "value" in answer:
             return answer["value"]
-        rows, length = answer["shape"]
         dtype = {4: np.float32, 8: np.float64}[answer["itemsize"]]
+        told = [answer, *answer.get("following", ())]
+        lengths = [prod(one["shape"]) for one in told]
         if self._pipes is None:
             raise ValueError("the reader process is closed")
         on_disk = disk if answer.get("on_disk") else None
         output = self._pipes.output.handle if on_disk is None else on_disk.handle
         count, revolution = answer.get("pulses") or (0, None)
-        size = rows * length * answer["itemsize"]
-        if min(rows, length, count) < 0 or size + 8 * count != os.fstat(output).st_size:
+        size = sum(lengths) * answer["itemsize"]
+        if min(*answer["shape"], *lengths, count) < 0 or size + 8 * count != os.fstat(output).st_size:
             raise ValueError("the samples do not fit their shape")
-        fields = answer["stated"]
         if "pulses" in answer:
             times = np.frombuffer(read_all(output, 8 * count, size), dtype=np.float64)
-            fields["pulses"] = Pulses(times, revolution)
+            answer["stated"]["pulses"] = Pulses(times, revolution)
         if on_disk is not None:
-            samples = mapped_array(on_disk, (rows, length), dtype)
+            values = mapped_array(on_disk, (sum(lengths),), dtype)
         else:
-            samples = np.empty((rows, length), dtype=dtype)
-            read_into(output, samples.reshape(-1).data)
-        lists = {key: tuple(value) for key, value in fields.items() if isinstance(value, list)}
-        return Samples(samples, **{**fields, **lists})
+            values = np.empty(sum(lengths), dtype=dtype)
+            read_into(output, values.data)
+        found = [
+            _stated_of(values[end - length : end].reshape(one["shape"]), one["stated"])
+            for one, length, end in zip(told, lengths, accumulate(lengths), strict=True)
+        ]
+        return found[0] if len(found) == 1 else one_after_another(found)
 
     def _shrink(self) -> None:
         """Give back the memory of a large file; that of a usual one is kept for the next."""
@@ -315,6 +321,11 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         if self._process is not None:
             self._process.kill()
         self._stop()
+
+
+def _stated_of(values: NDArray[Any], fields: dict[str, Any]) -> Samples:
+    lists = {key: tuple(value) for key, value in fields.items() if isinstance(value, list)}
+    return Samples(values, **{**fields, **lists})
 
 
 class _DiedError(SpallwatchError):

@@ -120,15 +120,16 @@ def _answer_of(found: Samples, request: Mapping[str, Any], output_fd: int) -> di
         TooLargeError: there are more than a file of this process may hold.
         NoRoomError: there is no room for a large array.
     """
-    if found.values.nbytes > MAX_BYTES:
-        raise TooLargeError(found.values.nbytes)
-    if request.get("disk") is None or found.values.nbytes < large.MAX_IN_MEMORY:
+    size = sum(one.values.nbytes for one in found.recordings)
+    if size > MAX_BYTES:
+        raise TooLargeError(size)
+    if request.get("disk") is None or size < large.MAX_IN_MEMORY:
         return _written(found, output_fd)
     with Path(request["disk"]).open("r+b", buffering=0) as disk:
         try:
             return {**_written(found, disk.fileno()), "on_disk": True}
         except OSError as error:
-            raise NoRoomError(found.values.nbytes, str(error.strerror)) from error
+            raise NoRoomError(size, str(error.strerror)) from error
 
 
 def _written(found: Samples, output_fd: int) -> dict[str, Any]:
@@ -139,14 +140,20 @@ def _written(found: Samples, output_fd: int) -> dict[str, Any]:
     step = max(1, large.PIECE_BYTES // array.dtype.itemsize)
     flat = array.reshape(-1)
     parts = [flat[begin : begin + step].data for begin in range(0, flat.size, step)]
-    fields = {field: getattr(found, field) for field in _FIELDS}
-    answer: dict[str, Any] = {"shape": array.shape, "itemsize": array.dtype.itemsize, "stated": fields}
+    answer: dict[str, Any] = {**_told(found), "itemsize": array.dtype.itemsize}
+    if found.following:
+        answer["following"] = [_told(one) for one in found.following]
+        parts += [np.ascontiguousarray(one.values, array.dtype).reshape(-1).data for one in found.following]
     if found.pulses is not None:
         times = np.ascontiguousarray(found.pulses.times, dtype=np.float64)
         parts.append(times.data)
         answer["pulses"] = (times.size, found.pulses.per_revolution)
     write_all(output_fd, *parts)
     return answer
+
+
+def _told(found: Samples) -> dict[str, Any]:
+    return {"shape": found.values.shape, "stated": {field: getattr(found, field) for field in _FIELDS}}
 
 
 def write_all(handle: int, *parts: bytes | memoryview) -> None:

@@ -1,0 +1,62 @@
+"""Several recordings of the same channels in one file, one after another in time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from streams.types.samples import ReaderError, Samples, one_after_another
+from streams.types.stamps import repeated_by, resolution_of, utc_text
+
+MAX_RECORDINGS = 10_000
+"""Recordings that one file may hold."""
+HOW_TO_SPLIT = "write each of its recordings to a file of its own"
+
+
+def successive(parts: Sequence[tuple[str, Samples]], name: str, zone: str) -> Samples:
+    """Return the recordings of a file, each with what is stated of it alone, in order of time.
+
+    Args:
+        parts: place of each in the file in words ("the segment in line 12"), and its samples.
+        name: of the file in messages.
+        zone: IANA name of the zone of stamps that name none.
+
+    Raises:
+        ReaderError: ``wrong_shape`` where one has other channels than the first, no start, or begins before the one
+            before it has ended.
+    """
+    (first_place, first), *others = parts
+    told = f"{name}: holds {len(parts)} recordings (the second is {others[0][0]})"
+    for place, samples in others:
+        if samples.names != first.names:
+            ours, theirs = (", ".join(each.names)[:100] for each in (first, samples))
+            raise ReaderError("wrong_shape", f"{told}; {first_place} has {ours}, {place} {theirs}; {HOW_TO_SPLIT}")
+    undated = next((place for place, samples in parts if samples.start is None), None)
+    if undated is not None:
+        raise ReaderError("wrong_shape", f"{told}; {undated} states no start of its own; {HOW_TO_SPLIT}")
+    check_order(parts, told, zone)
+    kind = np.result_type(*(samples.values.dtype for _, samples in parts))
+    of_one_type = (
+        samples if samples.values.dtype == kind else replace(samples, values=samples.values.astype(kind))
+        for _, samples in parts
+    )
+    return one_after_another(list(of_one_type))
+
+
+def check_order(parts: Sequence[tuple[str, Samples]], told: str, zone: str) -> None:
+    """Raise ``wrong_shape`` where a recording does not begin behind the end of the one before it."""
+    for (before, ended), (place, begun) in pairwise(parts):
+        start, end = begun.start, ended.time_of(ended.end) if ended.rate else ended.start
+        if start is None or end is None or ended.start is None:
+            continue
+        # In the local hour that occurs twice a start is read as the first of its two times.
+        start += repeated_by(start, zone) if start <= ended.start else 0.0
+        if start <= ended.start or start < end - min(map(resolution_of, (start, ended.start))):
+            raise ReaderError(
+                "wrong_shape",
+                f"{told}; {place} begins {utc_text(start)}, before {before} ends {utc_text(end)}: sensors recorded at "
+                f"the same time, or a clock that was set back; {HOW_TO_SPLIT}",
+            )

@@ -1,0 +1,292 @@
+"""A file of several recordings gives what files of one recording each would give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from spallwatch import blocks, read
+from spallwatch.recordings import RecordingError
+from streams.files.formats.text import read_layout
+from streams.open import open_source
+from streams.recording.state import ResumableSource
+from streams.types.block import Block, Rejected
+from streams.types.samples import ReaderError
+from streams.types.spec import ChannelSpec, SourceSpec
+from tests.streams.folders import Rig
+from tests.streams.several_makers import LVM_HEAD, NOON, RATE, TEXTS, Part, csv, lvm, lvm_segment, parts_of, stamped_csv
+from tests.support.effort import effort_count
+
+CHANNELS = (ChannelSpec("acc", column="acc"),)
+GAPS = st.sampled_from([0.0, 2.0, 1800.0])
+Item = tuple[Any, ...] | str
+
+
+def items(path: Path, **spec: Any) -> list[Block | Rejected]:
+    made = SourceSpec(name="s", url=str(path), channels=CHANNELS, **spec)
+    return list(open_source(made))
+
+
+def essence(found: Sequence[Block | Rejected]) -> list[Item]:
+    """What of blocks does not depend on the names of their files."""
+    return [
+        (item.rate, item.start and round(item.start, 6), item.elapsed and round(item.elapsed, 6), item.samples.tolist())
+        if isinstance(item, Block)
+        else item.status
+        for item in found
+    ]
+
+
+def written(folder: Path, parts: Sequence[Part], layout: str) -> tuple[Path, Path]:
+    """Write the parts as one file, and as files of one part each; return both folders."""
+    make, ending = TEXTS[layout]
+    one, each = folder / "one", folder / "each"
+    for made in (one, each):
+        made.mkdir()
+    (one / f"a.{ending}").write_bytes(make(parts))
+    for number, part in enumerate(parts):
+        (each / f"a{number:03d}.{ending}").write_bytes(make([part]))
+    return one, each
+
+
+@pytest.mark.parametrize("layout", TEXTS)
+@pytest.mark.parametrize("block_s", ["file", 0.05])
+@given(
+    lengths=st.lists(st.integers(30, 130), min_size=2, max_size=5),
+    gaps=st.lists(GAPS, min_size=5, max_size=5),
+    seed=st.integers(0, 999),
+)
+@settings(max_examples=effort_count(quick=4, full=60), deadline=None)
+def test_any_cut_into_recordings_gives_the_blocks_of_separate_files(
+    tmp_path_factory: pytest.TempPathFactory,
+    layout: str,
+    block_s: Any,
+    lengths: list[int],
+    gaps: list[float],
+    seed: int,
+) -> None:
+    parts = parts_of(lengths, gaps[: len(lengths)], seed)
+    one, each = written(tmp_path_factory.mktemp("cut"), parts, layout)
+    expected = essence(items(each, block_s=block_s))
+    assert essence(items(one, block_s=block_s)) == expected
+    assert any(isinstance(item, tuple) for item in expected) or block_s != "file"
+    assert essence(watched(one, block_s=block_s, restarts=seed % 3 == 0)) == essence(watched(each, block_s=block_s))
+
+
+def watched(folder: Path, *, restarts: bool = False, **spec: Any) -> list[Block | Rejected]:
+    rig = Rig(folder, rate=None, channels=CHANNELS, **spec)
+    while rig.run(1000.0, most=1):
+        if restarts:
+            rig.restart()
+    repeated = [isinstance(item, Rejected) and item.is_repetition for item in rig.items]
+    assert all(outcome == "committed" or again for outcome, again in zip(rig.outcomes, repeated, strict=True))
+    return rig.items
+
+
+def test_blocks_are_named_by_the_number_of_their_recording(tmp_path: Path) -> None:
+    (tmp_path / "a.lvm").write_bytes(lvm(parts_of([100, 100, 100], [5.0] * 3)))
+    assert [item.name for item in items(tmp_path, block_s="file")] == ["a.lvm", "a.lvm#2", "a.lvm#3"]
+    names = [item.name for item in items(tmp_path, block_s=0.05)]
+    assert names == [name for file in ("a.lvm", "a.lvm#2", "a.lvm#3") for name in (file, f"{file}[0.05 s]")]
+
+
+@pytest.mark.parametrize("block_s", ["file", 0.05])
+def test_a_daemon_killed_between_two_recordings_goes_on_with_the_second(tmp_path: Path, block_s: Any) -> None:
+    parts = parts_of([100, 100, 100], [5.0] * 3)
+    (tmp_path / "a.lvm").write_bytes(lvm(parts))
+    rig = Rig(tmp_path, rate=None, channels=CHANNELS, block_s=block_s)
+    count = 3 if block_s == "file" else 6
+    for number in range(1, count + 1):
+        assert len(rig.run(30.0, most=1)) == 1
+        backlog = rig.source.backlog()
+        assert (backlog.accepted, backlog.pending) == ((0, 1) if number < count else (1, 0))
+        rig.restart()
+    assert rig.run(1000.0) == []
+    assert rig.outcomes == ["committed"] * count
+    assert_array_equal(rig.samples(), np.concatenate([part.values[0] for part in parts]))
+    assert [item.sequence for item in rig.items] == list(range(1, count + 1))
+
+
+@pytest.mark.parametrize("block_s", ["file", 0.05])
+@pytest.mark.parametrize("restarts", [False, True])
+def test_recordings_that_are_appended_to_a_file_come_once(tmp_path: Path, block_s: Any, restarts: bool) -> None:
+    parts = parts_of([100] * 4, [60.0] * 4)
+    rig = Rig(tmp_path, rate=None, channels=CHANNELS, block_s=block_s)
+    for count in range(1, 5):
+        (tmp_path / "a.lvm").write_bytes(lvm(parts[:count]))
+        rig.run(100.0)
+        assert_array_equal(rig.samples(), np.concatenate([part.values[0] for part in parts[:count]]))
+        if restarts:
+            rig.restart()
+    assert rig.outcomes == ["committed"] * len(rig.items)
+    assert rig.source.backlog().accepted == 1
+
+
+def test_a_copy_of_a_file_of_several_recordings_is_a_duplicate(tmp_path: Path) -> None:
+    (tmp_path / "a.lvm").write_bytes(lvm(parts_of([100, 100], [5.0] * 2)))
+    (tmp_path / "b.lvm").write_bytes((tmp_path / "a.lvm").read_bytes())
+    for found in (items(tmp_path, block_s="file"), watched(tmp_path, block_s="file", restarts=True)):
+        assert [getattr(item, "status", "") for item in found] == ["", "", "duplicate"]
+
+
+def test_a_recording_that_breaks_off_is_waited_for(tmp_path: Path) -> None:
+    text = lvm(parts := parts_of([100, 100], [5.0] * 2))
+    (tmp_path / "a.lvm").write_bytes(text[: text.rfind(b"\n", 0, -200) + 1])
+    rig = Rig(tmp_path, rate=None, channels=CHANNELS)
+    assert rig.run(300.0) == []
+    (tmp_path / "a.lvm").write_bytes(text)
+    assert len(rig.run(30.0)) == 2
+    assert_array_equal(rig.samples(), np.concatenate([part.values[0] for part in parts]))
+
+
+def test_a_recording_that_stays_short_is_told(tmp_path: Path) -> None:
+    text = lvm(parts_of([100, 100], [5.0] * 2))
+    (tmp_path / "a.lvm").write_bytes(text[: text.rfind(b"\n", 0, -200) + 1])
+    (item,) = Rig(tmp_path, rate=None, channels=CHANNELS).run(1000.0)
+    assert isinstance(item, Rejected)
+    assert item.status == "incomplete"
+    assert "recording from line 124 on: 100 samples promised" in item.reason
+
+
+def test_a_replay_goes_on_behind_the_first_recording_of_a_file(tmp_path: Path) -> None:
+    (tmp_path / "a.lvm").write_bytes(lvm(parts_of([100, 100, 100], [5.0] * 3)))
+    spec = SourceSpec(name="s", url=str(tmp_path), channels=CHANNELS, block_s="file")
+    source = open_source(spec)
+    assert isinstance(source, ResumableSource)
+    whole = essence(list(source))
+    for count in (1, 2):
+        for _ in zip(range(count), source, strict=False):
+            pass
+        assert essence(list(open_source(spec, begin=source.state()))) == whole[count:]
+    assert source.has_blocks(3)
+    assert not source.has_blocks(4)
+
+
+def renamed(parts: list[Part]) -> bytes:
+    return (LVM_HEAD + lvm_segment(parts[0]) + lvm_segment(parts[1], ("vel",))).encode()
+
+
+def undated(parts: list[Part]) -> bytes:
+    return (LVM_HEAD + lvm_segment(parts[0]) + lvm_segment(parts[1], dated=False)).encode()
+
+
+def overlapping(parts: list[Part]) -> bytes:
+    return lvm([parts[0], replace(parts[1], start=NOON + 0.05)])
+
+
+def set_back(parts: list[Part]) -> bytes:
+    return csv([parts[0], replace(parts[1], start=NOON - 3600.0)])
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (renamed, "has acc, that with its head in line 132 vel"),
+        (undated, "that with its head in line 130 states no start of its own"),
+        (
+            overlapping,
+            "begins 2026-01-01T12:00:00.050Z, before that with its head in line 21 ends 2026-01-01T12:00:00.100Z",
+        ),
+        (set_back, "sensors recorded at the same time, or a clock that was set back"),
+    ],
+)
+def test_what_may_be_no_recordings_of_the_same_channels_is_refused(
+    make: Callable[[list[Part]], bytes], words: str
+) -> None:
+    with pytest.raises(ReaderError, match="holds 2 recordings") as caught:
+        read_layout(make(parts_of([100, 100], [5.0] * 2)), "x.lvm")
+    assert caught.value.status == "wrong_shape"
+    assert words in str(caught.value)
+    assert "a file of its own" in str(caught.value)
+
+
+def test_a_contradiction_within_a_later_recording_is_refused_with_its_lines() -> None:
+    first, second = map(lvm_segment, parts_of([100, 100], [5.0] * 2))
+    other = second.replace("Delta_X\t0.001", "Delta_X\t0.002")
+    with pytest.raises(ReaderError, match="in the recording from line 124 on") as caught:
+        read_layout((LVM_HEAD + first + other).encode(), "x.lvm")
+    assert caught.value.status == "wrong_rate"
+    broken = (LVM_HEAD + first + second.replace("\n0.050000\t", "\n0.050000\tx")).encode()
+    (line,) = [number for number, row in enumerate(broken.split(b"\n"), 1) if b"\tx" in row]
+    with pytest.raises(ReaderError, match=f"line {line}"):
+        read_layout(broken, "x.lvm")
+
+
+def test_another_rate_is_that_of_its_recording_as_among_files(tmp_path: Path) -> None:
+    parts = parts_of([100, 100], [5.0] * 2)
+    parts[1] = replace(parts[1], rate=2000.0, unit="m/s2")
+    one, each = written(tmp_path, parts, "lvm")
+    for block_s in ("file", 0.05):
+        found = items(one, block_s=block_s)
+        assert essence(found) == essence(items(each, block_s=block_s))
+        assert {item.rate for item in found if isinstance(item, Block)} == {1000.0, 2000.0}
+
+
+def test_the_hour_that_occurs_twice_is_no_clock_set_back() -> None:
+    first = parts_of([100], [0.0])[0]
+    night = [replace(first, start=NOON + shift) for shift in (0.0, 1800.0, 60.0)]
+    day = csv(night).replace(b"2026-01-01T12:", b"2025-10-26T02:").replace(b"00Z", b"00").replace(b"000Z", b"000")
+    found = read_layout(day, "x.csv", "Europe/Berlin")
+    assert len(found.recordings) == 3
+    with pytest.raises(ReaderError, match="set back"):
+        read_layout(day, "x.csv", "UTC")
+
+
+@pytest.mark.parametrize("by", ["name", "count", "mtime"])
+def test_what_dates_the_file_dates_its_first_recording_and_the_others_behind_it(tmp_path: Path, by: Any) -> None:
+    text = lvm(parts_of([100, 100], [5.0] * 2))
+    (tmp_path / "a_2026-02-03_04-05-06.lvm").write_bytes(text)
+    found = items(tmp_path, block_s="file", time_from=by, start=NOON if by == "count" else None)
+    first, second = (item.start for item in found if isinstance(item, Block))
+    assert first is not None
+    assert second is not None
+    assert second - first == pytest.approx(5.1, abs=1e-5)
+    if by == "mtime":
+        assert second + 0.1 == pytest.approx((tmp_path / "a_2026-02-03_04-05-06.lvm").stat().st_mtime, abs=1e-3)
+
+
+def test_read_says_how_several_recordings_are_read(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(stamped_csv(parts_of([100, 100], [5.0] * 2)))
+    with pytest.raises(RecordingError, match=r"several recordings; .* blocks\(\.\.\., block_s=\"file\"\)"):
+        read(tmp_path / "a.csv")
+    found = list(blocks(tmp_path / "a.csv", block_s="file"))
+    assert [signal.attrs["name"] for signal in found] == ["a.csv", "a.csv#2"]
+    assert found[1].attrs["elapsed_s"] == pytest.approx(5.1)
+
+
+def sidecars(folder: Path) -> Iterator[str]:
+    (folder / "a.csv.json").write_text('{"speed_hz": 25.0, "start_utc": "2026-01-01T12:00:00Z"}')
+    yield "first start"
+    (folder / "a.csv.json").write_text('{"rate_hz": 900.0}')
+    yield "wrong rate"
+
+
+def test_a_sidecar_is_for_all_recordings_of_its_file_and_its_start_for_the_first(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_bytes(csv(parts_of([100, 100], [5.0] * 2)))
+    states = sidecars(tmp_path)
+    next(states)
+    assert [item.speed for item in items(tmp_path, block_s="file") if isinstance(item, Block)] == [25.0, 25.0]
+    next(states)
+    assert [item.status for item in items(tmp_path, block_s="file") if isinstance(item, Rejected)] == ["wrong_rate"]
+
+
+def test_files_of_one_channel_each_with_several_recordings_are_read_together(tmp_path: Path) -> None:
+    for channel in range(1, 3):
+        (tmp_path / f"r_ch{channel}.csv").write_bytes(csv(parts_of([100, 100], [5.0] * 2, seed=channel)))
+    found = list(blocks(tmp_path, block_s="file"))
+    assert [signal.sizes for signal in found] == [{"channel": 2, "time": 100}] * 2
+    (tmp_path / "r_ch2.csv").write_bytes(csv(parts_of([200], [5.0])))
+    with pytest.raises(RecordingError, match="different numbers of recordings"):
+        list(blocks(tmp_path, block_s="file", files=["*_ch1.csv", "*_ch2.csv"]))
+
+
+def test_rates_are_the_stated_ones() -> None:
+    assert {one.rate for one in read_layout(lvm(parts_of([50, 50], [1.0, 1.0])), "x.lvm").recordings} == {RATE}
