@@ -35,7 +35,7 @@ class RecordingError(WrongInputError):
 
 
 class LostSamplesWarning(UserWarning):
-    """Samples of a block are missing (NaN), or were filled with a constant; the message says of which, and how many."""
+    """Samples are missing (NaN), filled with a constant or beyond what a sensor gives; the message says which."""
 
 
 class DoubtedTimeWarning(UserWarning):
@@ -304,9 +304,9 @@ def _signal_of(block: Block, how: Reading) -> xr.DataArray:
     if len(set(units)) > 1:
         both = ", ".join(f"{name}: {unit}" for name, unit in zip(block.channels, block.units, strict=True))
         raise RecordingError(f"{block.name}: channels of known and unknown units ({both}); choose some with channels=")
-    for name, values in zip(block.channels, rows, strict=True):
-        verdict = check_samples(values, absolute=False)
-        if {verdict.status, *verdict.flags} & {"nan", "filled"}:
+    for name, values, unit in zip(block.channels, rows, units, strict=True):
+        verdict = check_samples(values, absolute=unit != "unknown")
+        if {verdict.status, *verdict.flags} & {"nan", "filled", "out_of_range"}:
             warnings.warn(f"{block.name}: {name}: {verdict.reason}", LostSamplesWarning, stacklevel=3)
     doubt = stamp_doubt(block.start, block.samples.shape[1] / block.rate, block.stated)
     if doubt is not None:

@@ -32,10 +32,10 @@ _NETCDF_FILLS = {
     "i2": -(2**15) + 1, "u2": 2**16 - 1, "i4": -(2**31) + 1, "u4": 2**32 - 1, "i8": -(2**63) + 2, "u8": 2**64 - 2,
     "f4": 9.969209968386869e36, "f8": 9.969209968386869e36,
 }  # fmt: skip
-_CODES = frozenset(
-    sign * code for sign in (-1.0, 1.0) for code in (999.0, 9999.0, 99999.0, 999999.0, 1e20, 1e30, 1e35, 9.9e37, 1e38)
-)
+_CODES = frozenset(sign * code for sign in (-1.0, 1.0) for code in (999.0, 9999.0, 99999.0, 999999.0))
 """Numbers that loggers write for missing samples."""
+_IMPOSSIBLE = 1e15
+"""Of no sensor in any unit: instruments write such for a missing sample, an overload or an undefined value."""
 _NETCDF_BYTES = (-127, 255)
 _USER_DEFINED = 2
 """H5D_FILL_VALUE_USER_DEFINED."""
@@ -82,14 +82,16 @@ def property_fill(dataset: Any) -> float | None:
 def without_codes(rows: NDArray[np.floating]) -> NDArray[np.floating]:
     """Return rows with NaN for the numbers that loggers write for a missing sample where nothing states one.
 
-    Such as -9999 count where they are an end of the range and ten times as large as all other samples of the row.
+    Such as -9999 count where they are an end of the range and ten times as large as all other samples of the row, as do
+    all finite numbers that no sensor gives, such as 9.91e37 for none (SCPI 1999, 7.2.1.5) or the largest of a type.
     """
     found = rows
     for place, row in enumerate(rows):
         for end in (float(row.min()), float(row.max())):
-            if end not in _CODES:
+            beyond = _IMPOSSIBLE <= abs(end) < math.inf
+            if not beyond and end not in _CODES:
                 continue
-            coded = row == end
+            coded = np.abs(row) >= _IMPOSSIBLE if beyond else row == end
             others = np.abs(row[~coded])
             if others.size and 10.0 * float(others.max()) < abs(end):
                 found = np.array(rows) if found is rows else found

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import spallwatch as sw
 from tests.support.stated_files import (
     GRAVITY,
     RATE,
@@ -188,3 +189,23 @@ def test_a_constant_in_place_of_samples(form: str, fill: Callable[[], NDArray[np
 def test_a_value_that_means_no_value(kind: str, tmp_path: Path) -> None:
     rms, flags = judged(tmp_path, *FILLS[kind])
     assert np.isnan(rms) or flags & SAID, f"RMS {rms} g with the flags {flags}"
+
+
+@pytest.mark.parametrize("code", [9.91e37, -9.9e37, 3.4028235e38, 1e30])
+@pytest.mark.parametrize("form", WRITERS)
+def test_a_number_that_no_sensor_gives_is_no_sample(form: str, code: float, tmp_path: Path) -> None:
+    place, write = WRITERS[form]
+    rows = np.array(ROWS)
+    rows[:, 77] = code
+    rms, flags = judged(tmp_path, place, lambda folder: write(folder, rows))
+    assert np.isnan(rms) or flags & SAID, f"RMS {rms} g with the flags {flags}"
+
+
+def test_sw_read_says_that_a_sample_is_beyond_what_a_sensor_gives(tmp_path: Path) -> None:
+    row = np.array(ROWS[0], np.float64)
+    np.save(tmp_path / "whole.npy", row)
+    row[77] = 9.91e37
+    np.save(tmp_path / "code.npy", row)
+    sw.read(tmp_path / "whole.npy", rate_hz=RATE, unit="g")
+    with pytest.warns(sw.LostSamplesWarning, match=r"code\.npy: .*exceeds what the sensor can give"):
+        sw.read(tmp_path / "code.npy", rate_hz=RATE, unit="g")
