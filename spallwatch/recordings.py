@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import lru_cache
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Literal, TypedDict, Unpack
@@ -28,6 +29,8 @@ from streams.types.samples import ReaderError
 from streams.types.spec import DEFAULT_BLOCK_SECONDS, ChannelSpec, SourceError, SourceSpec
 
 _NAME = "recording"
+_MAX_KEPT_SAMPLES = 1 << 20
+"""Of a block whose coordinates are kept for the next one."""
 
 
 class RecordingError(WrongInputError):
@@ -329,9 +332,15 @@ def _signal_of(block: Block, how: Reading) -> xr.DataArray:
 
 
 def _array(values: NDArray[np.floating], channels: Sequence[str], rate: float, unit: str) -> xr.DataArray:
-    time = xr.Variable("time", np.arange(values.shape[1]) / rate, {"units": "s", "long_name": "time"})
+    axes = _kept_axes if values.shape[1] <= _MAX_KEPT_SAMPLES else _axes
+    return axes(tuple(channels), values.shape[1], rate, unit).copy(deep=False, data=values)
+
+
+def _axes(channels: tuple[str, ...], length: int, rate: float, unit: str) -> xr.DataArray:
+    """Return zeros with the coordinates and attributes of a signal, of which blocks of one kind have the same."""
+    time = xr.Variable("time", np.arange(length) / rate, {"units": "s", "long_name": "time"})
     return xr.DataArray(
-        values,
+        np.broadcast_to(0.0, (len(channels), length)),
         dims=("channel", "time"),
         coords={"channel": list(channels), "time": time},
         name="acceleration",
@@ -341,6 +350,9 @@ def _array(values: NDArray[np.floating], channels: Sequence[str], rate: float, u
             "rate_hz": float(rate),
         },
     )
+
+
+_kept_axes = lru_cache(maxsize=2)(_axes)
 
 
 def _rejection(item: Rejected) -> RecordingError:

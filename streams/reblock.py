@@ -87,7 +87,7 @@ class Reblocker:
         """Return what it holds."""
         last = self._last
         if last is not None:
-            last = replace(last, values=last.values[:, :0], offset=last.end, pulses=None)
+            last = last.changed(values=last.values[:, :0], offset=last.end, pulses=None)
         return HeldSamples(tuple(self._held), last, self._rate)
 
     def restore(self, held: HeldSamples) -> None:
@@ -102,7 +102,7 @@ class Reblocker:
             self._rate = samples.known_rate
         elif samples.rate != self._rate:
             # Rates that are computed from stamps differ in the last digits; a run has one.
-            samples = replace(samples, rate=self._rate)
+            samples = samples.changed(rate=self._rate)
         self._last = samples
         if samples.values.shape[1]:
             self._held.append(samples)
@@ -165,11 +165,11 @@ class Reblocker:
             used.append((piece.origin, piece.offset + taken))
             left -= taken
             if taken < piece.values.shape[1]:
-                self._held.insert(0, replace(piece, values=piece.values[:, taken:], offset=piece.offset + taken))
+                self._held.insert(0, piece.changed(values=piece.values[:, taken:], offset=piece.offset + taken))
         values = np.ascontiguousarray(parts[0]) if len(parts) == 1 else np.concatenate(parts, axis=1)
         forget_pages(parts[-1])
         missing = 0 if whole else max(1, self._length - count)
-        samples = replace(first, values=values, pulses=_joined(times))
+        samples = first.changed(values=values, pulses=_joined(times))
         return Cut(samples, tuple(used), missing)
 
     def _pulses_of(self, piece: Samples, taken: int, place: int) -> Pulses | None:

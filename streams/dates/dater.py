@@ -135,7 +135,7 @@ class Dater:
             return self._counted(samples, path, length, whole)
         if choice.by == "mtime":
             start = None if mtime is None else mtime - length
-            return replace(samples, start=start, elapsed=None, joins=False, stated=TimeStatement("mtime"))
+            return samples.changed(start=start, elapsed=None, joins=False, stated=TimeStatement("mtime"))
         if choice.by == "name":
             samples = self._by_name(samples, path, ended)
         elif choice.by == "header":
@@ -158,7 +158,7 @@ class Dater:
             place = self._place(path)
             if place is not None:
                 stated = places.placed(stated, place)
-        return replace(samples, start=start, elapsed=None, joins=False, stated=stated)
+        return samples.changed(start=start, elapsed=None, joins=False, stated=stated)
 
     def _by_header(self, samples: Samples, start: float, path: str, ended: float | None) -> Samples:
         """Date a file by its header; ``ended`` is its last change less its length."""
@@ -168,7 +168,7 @@ class Dater:
         doubt = stamp_doubt(start, samples.values.shape[1] / samples.known_rate, stated)
         if doubt is not None:
             self._remark("stamps", f"{path}: {doubt}; time_from says which dates its blocks")
-        return replace(samples, start=start, stated=stated)
+        return samples.changed(start=start, stated=stated)
 
     def note_own(self, name: str, start: float | None) -> None:
         """Remark which keys are not used because the files of a data set state their time."""
@@ -314,7 +314,7 @@ class Dater:
             return _without_time(samples)
         elapsed = place * (step or 0.0)
         start = None if choice.start is None else choice.start + elapsed
-        return replace(samples, start=start, elapsed=elapsed, joins=False, stated=COUNTED)
+        return samples.changed(start=start, elapsed=elapsed, joins=False, stated=COUNTED)
 
     def _settled_step(self, path: str, length: float, whole: bool) -> float | None:
         """Return the time between files, chosen at the first whole one; None before.
@@ -394,4 +394,4 @@ class Dater:
 
 def _without_time(samples: Samples) -> Samples:
     """Return samples that have no time of their own and are not joined by it."""
-    return replace(samples, start=None, elapsed=None, joins=False, stated=None)
+    return samples.changed(start=None, elapsed=None, joins=False, stated=None)

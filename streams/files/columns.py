@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -145,6 +146,11 @@ def _called(name: str, unit: str) -> Literal["time", "index"] | None:
     return "time" if words and not rest and unit.lower() in _SECONDS and words & {"x"} else None
 
 
+@lru_cache(maxsize=256)
+def _is_called_time(title: str) -> bool:
+    return _called(*_split(re.split(r"[/.]", title)[-1])) == "time"
+
+
 def counted_in(title: str, unit: str) -> TimeColumn:
     """Return what a row of times counts, by its unit, which a file may state for all rows, or its name."""
     name, behind = _split(re.split(r"[/.]", title)[-1])
@@ -169,9 +175,9 @@ def running(values: NDArray[np.floating]) -> str | None:
     Equal steps are evidence from 8 samples on, others from 64 and 16 different values; so much vibration turns back.
     """
     # Of nearly all rows the first samples decide.
-    begin = np.asarray(values[:_MIN_RUNNING], dtype=np.float64)
-    first = np.diff(begin) if np.isfinite(begin).all() else begin
-    if begin.size < _MIN_EVEN or min(np.count_nonzero(first > 0.0), np.count_nonzero(first < 0.0)) > first.size // 4:
+    begin = values[:_MIN_RUNNING]
+    up, down = np.count_nonzero(begin[1:] > begin[:-1]), np.count_nonzero(begin[1:] < begin[:-1])
+    if begin.size < _MIN_EVEN or min(up, down) > (begin.size - 1) // 4:
         return None
     row = np.asarray(values[:_MAX_LOOKED], dtype=np.float64)
     if not np.isfinite(row).all():
@@ -306,7 +312,7 @@ def with_times(samples: Samples, where: str) -> Samples:
     rates: list[StatedNumber] = []
     starts: list[Start] = []
     for title, unit, row in zip(samples.names, samples.units, samples.values, strict=True):
-        if _called(*_split(re.split(r"[/.]", title)[-1])) != "time" or kind_of(title, unit or "", row).kind != "time":
+        if not _is_called_time(title) or kind_of(title, unit or "", row).kind != "time":
             continue
         column = counted_in(title, unit or "")
         stated, begins = column_statements(column, row, where)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -57,8 +56,9 @@ def in_own_units(samples: Samples, as_stored: frozenset[int] = frozenset()) -> t
             both[row] = "g", both[row][1] * 1e3 / level
         elif count is not None and is_of_counts(unit):
             both[row], stored[row] = ("g", count), SCALED
-    units = tuple(own or None for own, _ in both)
-    return replace(samples, units=units, stored=tuple(stored)), tuple(factor for _, factor in both)
+    units, factors = tuple(own or None for own, _ in both), tuple(factor for _, factor in both)
+    is_same = (units, tuple(stored)) == (samples.units, samples.stored)
+    return samples if is_same else samples.changed(units=units, stored=tuple(stored)), factors
 
 
 def scaled_by(samples: Samples, factors: Sequence[float]) -> Samples:
@@ -66,7 +66,7 @@ def scaled_by(samples: Samples, factors: Sequence[float]) -> Samples:
     if all(factor == 1.0 for factor in factors):
         return samples
     column = np.array(factors, samples.values.dtype)[:, np.newaxis]
-    return replace(samples, values=elementwise(lambda values: values * column, samples.values, 1))
+    return samples.changed(values=elementwise(lambda values: values * column, samples.values, 1))
 
 
 def check_unit(stated: str | None, name: str, where: str) -> None:
@@ -108,21 +108,23 @@ def unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> str
     return configured or stated or "unknown"
 
 
-def factor_of(samples: Samples, row: int, channel: ChannelSpec, range_g: float | None, where: str) -> float:
-    """Return the factor that ``range_g`` gives a row that no scale is given for; 1 for all others.
+def factor_of(
+    samples: Samples, row: int, channel: ChannelSpec, unit: str | None, range_g: float | None, where: str
+) -> float:
+    """Return the factor that ``range_g`` gives a row in a unit that no scale is given for; 1 for all others.
 
     Raises:
         ReaderError: ``wrong_unit`` where the row holds integers and nothing states what they mean.
     """
     stored = samples.stored[row]
-    if stored in (VALUES, SCALED, DIGITAL) or channel.unit == "unknown" or channel.scale is not None:
+    if stored in (VALUES, SCALED, DIGITAL) or unit == "unknown" or channel.scale is not None:
         return 1.0
     if stored == FRACTIONS and range_g is not None and not samples.scaled:
         of_one_g = {"m/s2": STANDARD_GRAVITY, "V": 1e-3 * (channel.sensitivity_mv_per_g or 0.0)}
-        return range_g * of_one_g.get(channel.unit or "g", 1.0)
-    meant, other = f"the {channel.unit} of one count", ""
+        return range_g * of_one_g.get(unit or "g", 1.0)
+    meant, other = f"the {unit} of one count", ""
     if stored == FRACTIONS:
-        meant, other = f"the {channel.unit} at full scale", ", or [[source]] range_g, the g at full scale"
+        meant, other = f"the {unit} at full scale", ", or [[source]] range_g, the g at full scale"
     raise ReaderError(
         "wrong_unit",
         f"{where}: holds {stored}, and nothing states their level; give [[channel]] scale, {meant} "

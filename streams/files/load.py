@@ -138,10 +138,10 @@ class Loader:
             start, elapsed = self._times(samples, facts)
             if start is not None:
                 stated = self._stated(start, counted=elapsed is not None, named=facts.start is not None)
-                samples = replace(samples, stated=stated)
+                samples = samples.changed(stated=stated)
             if self.dater is not None:
                 self.dater.note_own(self.data_set.name, start if elapsed is None else None)
-            return fitting_pulses(replace(samples, start=start, elapsed=elapsed), path)
+            return fitting_pulses(samples.changed(start=start, elapsed=elapsed), path)
         return fitting_pulses(self.dater.date(samples, path, changed, whole=whole), path)
 
     def _date_each(
@@ -159,7 +159,7 @@ class Loader:
             found = [self.date(one, path, facts, None, whole=whole) for one in others]
         else:
             found = [_later(one, dated, (one.start or 0.0) - begun) for one in others]
-        return replace(dated, following=tuple(found))
+        return dated.changed(following=tuple(found))
 
     def _stated(self, start: float, *, counted: bool, named: bool) -> TimeStatement:
         """Return what the start of a file of a data set is by: a count, a local time in its name, or its header."""
@@ -187,8 +187,7 @@ class Loader:
             refuse_running(samples, self._spec.channels, name)
         rate = agreed_rate((samples.rate, facts.rate), self._spec.rate, name, opened_rate(samples))
         self._check_blocks(samples.values.shape[1], rate, stored, name)
-        return replace(
-            samples,
+        return samples.changed(
             rate=rate,
             speed=samples.speed if samples.speed is not None else facts.speed,
             load=samples.load if samples.load is not None else facts.load,
@@ -222,7 +221,7 @@ class Loader:
     def levels(self, raw: Data, path: str) -> dict[str, str]:
         """Return in words what states the level of each channel of a file; ReaderError as :meth:`load`."""
         samples, unit = self.read(raw, path, path), self.data_set.unit
-        samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
+        samples = samples.changed(units=tuple(stated or unit for stated in samples.units))
         written = samples.units
         samples, _ = in_own_units(samples)
         found = {}
@@ -270,7 +269,7 @@ class Loader:
 def _later(samples: Samples, first: Samples, seconds: float) -> Samples:
     """Return a recording with the times of the first one of its file, so much later."""
     start, elapsed = (None if time is None else time + seconds for time in (first.start, first.elapsed))
-    return replace(samples, start=start, elapsed=elapsed, joins=first.joins, stated=first.stated)
+    return samples.changed(start=start, elapsed=elapsed, joins=first.joins, stated=first.stated)
 
 
 def renamed(error: ReaderError, path: str, name: str) -> ReaderError:
@@ -294,23 +293,23 @@ def choose_channels(
             level of integers.
     """
     if unit is not None:
-        samples = replace(samples, units=tuple(stated or unit for stated in samples.units))
+        samples = samples.changed(units=tuple(stated or unit for stated in samples.units))
     rows = [_row_of(samples, channel, where) for channel in channels]
     as_stored = rows_as_stored(samples, channels, rows, where)
     samples, multiples = in_own_units(samples, as_stored)
     if not channels:
         kept = vibration_rows(samples, where, is_ours=unit is not None)
         left = tuple(name for row, name in enumerate(samples.names) if row not in kept)
-        samples = replace(samples.select(kept), beside=(*samples.beside, *left))
+        samples = samples.select(kept).changed(beside=(*samples.beside, *left))
         multiples = tuple(multiples[row] for row in kept)
         for row, (name, stated) in enumerate(zip(samples.names, samples.units, strict=True)):
             check_unit(stated, name, where)
-            factor_of(samples, row, ChannelSpec(name, unit=stated), None, f"{where}: {name}")
+            factor_of(samples, row, ChannelSpec(name, unit=stated), stated, None, f"{where}: {name}")
         return scaled_by(samples, multiples)
     units = tuple(unit_of(samples, row, channel, where) for row, channel in zip(rows, channels, strict=True))
     both = zip(rows, channels, units, strict=True)
     factors = [
-        factor_of(samples, row, replace(channel, unit=unit), range_g, f"{where}: channel {channel.name}")
+        factor_of(samples, row, channel, unit, range_g, f"{where}: channel {channel.name}")
         * (multiples[row] if channel.scale is None and not channel.any_unit else 1.0)
         for row, channel, unit in both
     ]

@@ -337,7 +337,7 @@ class Intake:
         for one in samples.recordings:
             if one.end > done or one.end == samples.total:
                 skipped = max(done - one.begin, 0)
-                rest = replace(one, values=one.values[:, skipped:], origin=entry, offset=one.begin + skipped)
+                rest = one.changed(values=one.values[:, skipped:], origin=entry, offset=one.begin + skipped)
                 yield from self._deliver_cuts(self._reblocker.feed(rest))
         if (samples.start is None or not samples.joins) and not self._grows:
             # The start of the next file is unknown, so it cannot be joined to this one.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 
 from streams.dates.dater import Dater, UndatedError
 from streams.dates.dating import Dating
@@ -387,7 +386,7 @@ class Recording:
         except ReaderError as error:
             return Loaded(item.path, facts, renamed(error, item.path, name), digest)
         origin = Origin(name, samples.total)
-        return Loaded(item.path, facts, samples.of_each(lambda one: replace(one, origin=origin)), digest)
+        return Loaded(item.path, facts, samples.of_each(lambda one: one.changed(origin=origin)), digest)
 
     def _cuts(self, files: Iterable[Loaded], cutter: Reblocker) -> Iterator[Cut | Loaded]:
         """Yield the cuts of files in order, and files that give none."""

@@ -56,12 +56,15 @@ def tacho_row(row: NDArray[np.floating], title: str, rate: float | None) -> Tach
         rate: Hz, None where it is not known; then the pulses come per sample.
     """
     called = is_called_tacho(title)
+    two_levels = _has_two_levels(row)
+    if not (called or two_levels):
+        return None
     times = edge_times(row, rate or 1.0)
     intervals = np.diff(times)
     usual = float(np.median(intervals)) if intervals.size else 0.0
     enough = times.size >= _MIN_PULSES and usual > 0.0
     regular = enough and float(np.mean(np.abs(intervals - usual) <= _SAME * usual)) >= _REGULAR
-    two = enough and _has_two_levels(row)
+    two = enough and two_levels
     samples = usual * (rate or 1.0)
     if (two and regular and samples >= _MIN_INTERVAL) or (called and (two or regular) and samples > 1.5):
         return TachoRow(int(times.size), 1.0 / usual)
@@ -72,8 +75,8 @@ def tacho_row(row: NDArray[np.floating], title: str, rate: float | None) -> Tach
 def _has_two_levels(row: NDArray[np.floating]) -> bool:
     low, high = float(row.min()), float(row.max())
     band = _END * (high - low)
-    below, above = float(np.mean(row <= low + band)), float(np.mean(row >= high - band))
-    return below + above >= _AT_ENDS and min(below, above) > 0.0
+    below, above = np.count_nonzero(row <= low + band), np.count_nonzero(row >= high - band)
+    return below + above >= _AT_ENDS * row.size and min(below, above) > 0
 
 
 def _is_speed(row: NDArray[np.floating]) -> bool:
