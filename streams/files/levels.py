@@ -56,7 +56,7 @@ def in_own_units(samples: Samples, as_stored: frozenset[int] = frozenset()) -> t
             both[row] = "g", both[row][1] * 1e3 / level
         elif count is not None and is_of_counts(unit):
             both[row], stored[row] = ("g", count), SCALED
-    units, factors = tuple(own or None for own, _ in both), tuple(factor for _, factor in both)
+    units, factors = tuple([own or None for own, _ in both]), tuple([factor for _, factor in both])
     is_same = (units, tuple(stored)) == (samples.units, samples.stored)
     return samples if is_same else samples.changed(units=units, stored=tuple(stored)), factors
 

@@ -76,7 +76,7 @@ def _has_two_levels(row: NDArray[np.floating]) -> bool:
     low, high = float(row.min()), float(row.max())
     band = _END * (high - low)
     below, above = np.count_nonzero(row <= low + band), np.count_nonzero(row >= high - band)
-    return below + above >= _AT_ENDS * row.size and min(below, above) > 0
+    return bool(below + above >= _AT_ENDS * row.size and min(below, above) > 0)
 
 
 def _is_speed(row: NDArray[np.floating]) -> bool:

@@ -232,9 +232,11 @@ class Samples:
             channels: their names, by default as they are.
             units: their units, by default as they are.
         """
-        whole = list(rows) == list(range(len(self.columns)))
+        if list(rows) == list(range(len(self.columns))):
+            whole = contiguous(self.values, self.values.dtype)
+            return self.changed(values=whole, channels=channels or self.channels, units=units or self.units)
         return self.changed(
-            values=contiguous(self.values, self.values.dtype) if whole else chosen_rows(self.values, rows),
+            values=chosen_rows(self.values, rows),
             channels=tuple(self.channels[row] for row in rows) if channels is None else channels,
             names=tuple(self.names[row] for row in rows),
             columns=tuple(self.columns[row] for row in rows),

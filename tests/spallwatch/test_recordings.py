@@ -151,3 +151,26 @@ def test_a_name_that_contradicts_the_header_is_warned_of(tmp_path: Path) -> None
         else:
             found = sw.read(tmp_path / name)
         assert found.attrs["time_source"] == "header"
+
+
+def test_what_is_done_to_a_block_leaves_the_next_as_it_is(tmp_path, samples):
+    for number in range(3):
+        np.save(tmp_path / f"b{number}.npy", samples[:, : 2000 if number == 2 else 4000] * (number + 1))
+    blocks = sw.blocks(tmp_path, block_s="file", rate_hz=RATE, unit="g")
+    first = next(blocks)
+    first.attrs["rate_hz"], first.name = 1.0, "other"
+    first.time.attrs["units"] = "h"
+    first.coords["side"] = ("channel", ["left", "right"])
+    first.coords["time"] = first.time.values * 2.0
+    first.values[:] = 0.0
+    second, third = blocks
+    assert (second.attrs["rate_hz"], second.name, second.time.attrs["units"]) == (RATE, "acceleration", "s")
+    assert set(second.coords) == {"channel", "time"}
+    np.testing.assert_array_equal(second.time, np.arange(4000) / RATE)
+    np.testing.assert_allclose(second.values, 2.0 * samples * STANDARD_GRAVITY, rtol=1e-5)
+    np.testing.assert_array_equal(third.time, np.arange(2000) / RATE)
+    assert list(sw.to_signal(samples, rate_hz=2.0 * RATE, unit="m/s2", channels=("a", "b")).channel.values) == [
+        "a",
+        "b",
+    ]
+    assert sw.to_signal(samples, rate_hz=2.0 * RATE, unit="m/s2").time[1] == 0.5 / RATE

@@ -232,3 +232,32 @@ def test_no_process_outlives_the_program(mode: str, code: int) -> None:
 
 def test_the_shared_process_is_one() -> None:
     assert shared_process() is shared_process()
+
+
+def test_a_process_that_remembers_reads_the_same_bytes_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    data, other = mat_bytes(signal()[:1]), mat_bytes(2.0 * signal()[:1])
+    asked: list[str] = []
+    ask = ReaderProcess._ask
+    monkeypatch.setattr(ReaderProcess, "_ask", lambda *given: asked.append(given[1]["name"]) or ask(*given))
+
+    with ReaderProcess(LIMITS, remembers=True) as process, ReaderProcess(LIMITS) as forgets:
+
+        def read(content: bytes, name: str = "a.mat", pattern: str = "*", process: ReaderProcess = process) -> Samples:
+            return process.call(read_mat, content, name, [pattern], "UTC")
+
+        first = read(data)
+        assert read(bytes(bytearray(data))) is first
+        assert asked == ["a.mat"]
+        assert not first.values.flags.writeable
+        # Whatever is another is read.
+        assert_array_equal(read(other).values, 2.0 * first.values)
+        assert_array_equal(read(data).values, first.values)
+        assert read(data, "b.mat") is not first
+        assert read(data, "b.mat", "acc*") is not first
+        assert len(asked) == 5
+        with pytest.raises(ReaderError):
+            read(data[:200])
+        with pytest.raises(ReaderError):
+            read(data[:200])
+        assert len(asked) == 7
+        assert read(data, process=forgets) is not read(data, process=forgets)
