@@ -28,6 +28,7 @@ from streams.files.statements import (
     time_statements,
     unit_statements,
 )
+from streams.files.zones import in_stated_zone
 from streams.types.samples import RATE_TOLERANCE, VALUES, ReaderError, Samples, stack_rows
 from streams.types.stamps import Stamp
 
@@ -58,12 +59,14 @@ class StatedRow:
 class Start:
     """What one place states of the time of the first sample.
 
-    ``of_rows`` says that each sample has its time: the head of such a file was written some time before.
+    ``of_rows`` says that each sample has its time: the head of such a file was written some time before. ``zone`` is
+    what leaves its zone open, as it is written, "" for nothing.
     """
 
     place: str
     stamp: Stamp
     of_rows: bool = False
+    zone: str = ""
 
 
 @dataclass(frozen=True)
@@ -123,7 +126,7 @@ def judge_rate(statements: Sequence[StatedNumber], where: str) -> JudgedRate:
     """
     if not statements:
         return JudgedRate()
-    ordered = sorted(statements, key=lambda one: (len(one.readings), one.resolution / max(one.readings)))
+    ordered = sorted(statements, key=_coarseness)
     finest = ordered[0]
     kept = [
         reading
@@ -142,6 +145,10 @@ def judge_rate(statements: Sequence[StatedNumber], where: str) -> JudgedRate:
     if not finest.is_exact or (uncertainty > _COARSE and nice_rate(rate, 1e-9) != round(rate)):
         return JudgedRate(None, (rate,), finest.resolution, f"{finest.place} {finest.written!r}")
     return JudgedRate(nice, written=f"{finest.place} {finest.written!r}")
+
+
+def _coarseness(one: StatedNumber) -> tuple[bool, int, float]:
+    return not one.is_exact, len(one.readings), one.resolution / max(one.readings)
 
 
 def _is_near(one: float, other: float, *statements: StatedNumber) -> bool:
@@ -195,7 +202,13 @@ def agreed_rate(
 
 def starts_of(facts: Facts, zone: str) -> list[Start]:
     """Return what plain keys state of the time of the first sample."""
-    return [Start(place, stamp) for place, stamp in time_statements(facts, zone)]
+    return in_zone(facts, [Start(place, stamp) for place, stamp in time_statements(facts, zone)])
+
+
+def in_zone(facts: Facts, starts: Sequence[Start]) -> list[Start]:
+    """Return starts in the zone that plain keys state."""
+    found = [in_stated_zone(facts, one.stamp) for one in starts]
+    return [replace(one, stamp=stamp, zone=doubt) for one, (stamp, doubt) in zip(starts, found, strict=True)]
 
 
 def stated_start(facts: Facts, zone: str, where: str) -> float | None:
@@ -214,10 +227,14 @@ def judge_start(starts: Sequence[Start], where: str) -> JudgedStart:
     of times of its rows.
 
     Raises:
-        ReaderError: ``unreadable``, which quotes those that differ.
+        ReaderError: ``unreadable``, which quotes those that differ, or the zone that is open.
     """
     if not starts:
         return JudgedStart()
+    for one in starts:
+        if one.zone:
+            told = f"the zone of {one.place} {one.stamp.text} is open, by {one.zone}"
+            raise ReaderError("unreadable", f"{where}: {told}; write [[source]] timezone, and that key in disregard")
     ordered = sorted(starts, key=lambda one: (one.stamp.open, not one.of_rows, one.stamp.local, one.stamp.resolution))
     finest = ordered[0]
     kept = [

@@ -28,6 +28,12 @@ FACTORS = {
     **{word + end: ("step", factor) for word in STEPS for end, factor in SECONDS.items()},
 }  # fmt: skip
 """Of a plain key: whether it states a rate or a step, and the factor to Hz or s."""
+PLAIN_RATES = frozenset((*RATES, *STEPS)) - {
+    *("wfincrement", "deltax", "xincrement", "sps", "samplespersecond", "samplespersec")
+}
+"""Plain keys whose number may be in kHz, ms or us where no unit is written; formats fix the unit of the others."""
+MAX_OPEN_RATE = 64.0
+"""Hz up to which a rate without a unit may be one in kHz; up to 300 Hz where it is no whole number."""
 STARTS = ("startutc", "start", "starttime", "wfstarttime", "t0", "acquisitiontime", "timestamp", "datetime",
            "startzeit")  # fmt: skip
 MOMENTS = (
@@ -62,7 +68,23 @@ UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringuni
               "dataunits", "physicalunit", "unitofmeasure", "unite", "unidad", "unita")  # fmt: skip
 TIME_KEYS = frozenset((*STARTS, *MOMENTS, *DATES, *CLOCKS))
 """Plain keys of dates and times of day."""
-ZONE_KEYS = ("timezone", "zeitzone", "tz", "utcoffset", "timezoneoffset", "fuseauhoraire", "zonahoraria", "fusoorario")
+ZONE_KEYS = {
+    word + end: unit
+    for word in ("timezone", "zeitzone", "tz", "utcoffset", "timezoneoffset", "fuseauhoraire", "zonahoraria",
+                 "fusoorario", "gmtoffset", "tzoffset", "offsetutc", "offsetfromutc", "offsettoutc", "offsetfromgmt",
+                 "utcdifference", "gmtdifference", "timedifference", "zeitverschiebung", "utcversatz", "decalageutc",
+                 "timezonename", "timezoneid", "tzname", "localtimezone")
+    for end, unit in (("", ""), ("h", "h"), ("hours", "h"), ("hrs", "h"), ("min", "min"), ("minutes", "min"),
+                      ("s", "s"), ("sec", "s"), ("seconds", "s"))
+}  # fmt: skip
+"""Plain keys of the zone of times, each with the unit of an offset that the key names."""
+SUMMER_KEYS = ("dst", "isdst", "daylightsaving", "daylightsavings", "daylightsavingtime", "summertime", "sommerzeit",
+               "heuredete", "horariodeverano", "oralegale")  # fmt: skip
+"""Plain keys that say whether it is summer time."""
+DECIMATIONS = ("decimation", "decimationfactor", "decimate", "downsampling", "downsamplingfactor", "downsample",
+               "subsampling", "subsamplingfactor", "dezimation", "dezimierung", "ratedivider", "sampleratedivider",
+               "clockdivider", "diezmado", "decimazione")  # fmt: skip
+"""Plain keys of a number that a stated rate may have to be divided by."""
 PULSE_KEYS = ("pulsesperrevolution", "pulsesperrev", "ppr", "impulseproumdrehung")
 """Plain keys of the pulses of a whole turn."""
 PER_MINUTE = ("rpm", "1/min", "min-1", "min^-1", "/min", "u/min", "upm", "tr/min", "r/min", "rev/min")
@@ -111,7 +133,9 @@ SCALE_UNITS = {
 }
 PER_G = {f"{count}/g": 1.0 for count in COUNT} | {f"{count}/mg": 1e3 for count in COUNT}
 """Units of a count in g, and of counts in one g."""
-KEYS = frozenset((*FACTORS, *TIME_KEYS, *UNIT_KEYS, *PULSE_KEYS, *SPEEDS, *LOADS, *LEVELS, *SCALES))
+KEYS = frozenset((*FACTORS, *TIME_KEYS, *ZONE_KEYS, *SUMMER_KEYS, *DECIMATIONS,
+                  *UNIT_KEYS, *PULSE_KEYS, *SPEEDS, *LOADS,
+                  *LEVELS, *SCALES))  # fmt: skip
 """Plain keys that may state rate, unit, start, sensitivity, speed, load or pulses a revolution."""
 MULTIPLES = {
     "mg": ("g", 1e-3), "µg": ("g", 1e-6), "ug": ("g", 1e-6), "mv": ("V", 1e-3), "µv": ("V", 1e-6), "uv": ("V", 1e-6),

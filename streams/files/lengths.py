@@ -9,9 +9,9 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from streams.files.columns import kinds_of
-from streams.files.judge import StatedRow, stated_rate
+from streams.files.judge import StatedRow, judge_rate
 from streams.files.keys import FACTORS
-from streams.files.statements import unit_statements
+from streams.files.statements import rate_statements, unit_statements
 from streams.types.samples import ReaderError, Samples
 
 _MANY_TIMES = 8
@@ -87,7 +87,7 @@ def _interpolated(row: StatedRow, signal: StatedRow, where: str) -> StatedRow:
     count, length = row.values.size, signal.values.size
     if count == length:
         return row
-    rate, fast = (stated_rate(each.facts, f"{where}: {each.name}") for each in (row, signal))
+    rate, fast = (_slowest_rate(each, where) for each in (row, signal))
     if rate is not None and fast is not None and abs(count / rate - length / fast) > 1.0 / min(rate, fast):
         raise ReaderError(
             "wrong_shape",
@@ -96,3 +96,10 @@ def _interpolated(row: StatedRow, signal: StatedRow, where: str) -> StatedRow:
     places = (np.arange(length) + 0.5) * (count / length) - 0.5
     values = np.interp(places, np.arange(count), row.values).astype(signal.values.dtype)
     return replace(row, values=values, facts={k: v for k, v in row.facts.items() if k.partition("#")[0] not in FACTORS})
+
+
+def _slowest_rate(row: StatedRow, where: str) -> float | None:
+    """Return the stated rate in Hz: of a process value in Hz where it might be in kHz."""
+    place = f"{where}: {row.name}"
+    found = judge_rate(rate_statements(row.facts, place), place)
+    return min(found.readings, default=None) if found.value is None else found.value

@@ -13,7 +13,6 @@ import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
-from zoneinfo import available_timezones
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from streams.files.keys import (
     CLOCKS,
     COUNT,
     DATES,
+    DECIMATIONS,
     FACTORS,
     GROUPING_BLANKS,
     GROUPS,
@@ -31,11 +31,13 @@ from streams.files.keys import (
     LIKE_STEP,
     LOAD_UNITS,
     LOADS,
+    MAX_OPEN_RATE,
     MOMENTS,
     MONTH_NAMED,
     MULTIPLES,
     NUMBER,
     PER_G,
+    PLAIN_RATES,
     SCALE_UNITS,
     SCALES,
     SPEED_UNITS,
@@ -44,14 +46,11 @@ from streams.files.keys import (
     UNIT_KEYS,
     UNITS,
     VELOCITIES,
-    ZONE_KEYS,
 )
 from streams.types.samples import ReaderError
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
 
 Facts = Mapping[str, object]
-_ABBREVIATIONS = {"CET": 1, "MEZ": 1, "CEST": 2, "MESZ": 2, "WET": 0, "WEST": 1, "EET": 2, "EEST": 3}
-"""Hours from UTC of zones that have one name only."""
 STORED = "stored as"
 DECIMAL_COMMA = "decimal comma"
 """Keys among facts for how numbers are stored, and that they are written with commas; the blank keeps them apart from
@@ -210,8 +209,30 @@ def rate_statements(facts: Facts, where: str) -> list[StatedNumber]:
         if stated is None or not all(1e-300 < number < 1e300 for number in stated.readings):
             shown = str(value)[:40]
             raise ReaderError("wrong_rate", f"{where}: expected a positive number in {place}, found {shown!r}")
-        found.append(stated if (kind == "rate") == (stated is direct) else _inverse(stated))
-    return found
+        stated = stated if (kind == "rate") == (stated is direct) else _inverse(stated)
+        is_plain = direct is not None and number_in(value, place, {"": 1.0}, comma=comma) is not None
+        found.append(_opened(stated, kind) if is_plain and key in PLAIN_RATES else stated)
+    return [_undivided(stated, facts) for stated in found]
+
+
+def _undivided(stated: StatedNumber, facts: Facts) -> StatedNumber:
+    """Return a rate with those that it is by a stated decimation: before it, and behind."""
+    for _, place, value in named(facts, frozenset(DECIMATIONS)):
+        divider = number_in(value, place, {"": 1.0, "x": 1.0})
+        if divider is not None and divider.readings[0] > 1.0:
+            readings = (*stated.readings, *(rate / divider.readings[0] for rate in stated.readings))
+            written = f"{stated.written} beside {place} {divider.written}"
+            stated = replace(stated, readings=readings, written=written)
+    return stated
+
+
+def _opened(stated: StatedNumber, kind: str) -> StatedNumber:
+    """Return a rate that is written without a unit with all its readings: in kHz, or by a step in ms or us, too."""
+    least = min(stated.readings)
+    if least > MAX_OPEN_RATE and (kind == "step" or least > 300.0 or least == round(least)):
+        return stated
+    factors = (1.0, 1e3) if kind == "rate" else (1.0, 1e3, 1e6)
+    return replace(stated, readings=tuple(rate * factor for factor in factors for rate in stated.readings))
 
 
 def _inverse(stated: StatedNumber) -> StatedNumber:
@@ -283,36 +304,8 @@ def time_statements(facts: Facts, zone: str) -> list[tuple[str, Stamp]]:
     """Return what plain keys state of the time of the first sample, each with its place.
 
     Date and time of day may be values of their own. A day alone counts where nothing else is stated and the key says
-    that it is the start. ``zone`` is the IANA name of the zone of a stamp that names none, where no key states that.
+    that it is the start. ``zone`` is the IANA name of the zone of a stamp that names none.
     """
-    offset, stated = _stated_zone(facts)
-    found = _stamps(facts, stated or zone)
-    return found if stated is None else [(place, _in_zone(stamp, offset)) for place, stamp in found]
-
-
-def _stated_zone(facts: Facts) -> tuple[float, str | None]:
-    """Return the zone that a key states: an offset in s from an IANA name, None where it states none."""
-    for _, _, value in named(facts, frozenset(ZONE_KEYS)):
-        text = str(value).strip()
-        match = re.fullmatch(r"(?:UTC|GMT)?\s*([+-])(\d{1,2})(?::?(\d\d))?(?:\s*h)?|(UTC|GMT|Z)", text, re.IGNORECASE)
-        if match is not None and match[4]:
-            return 0.0, "UTC"
-        if match is not None:
-            seconds = 3600.0 * int(match[2]) + 60.0 * int(match[3] or 0)
-            return (-seconds if match[1] == "-" else seconds), "UTC"
-        if text in _ABBREVIATIONS:
-            return 3600.0 * _ABBREVIATIONS[text], "UTC"
-        if text in available_timezones():
-            return 0.0, text
-    return 0.0, None
-
-
-def _in_zone(stamp: Stamp, offset: float) -> Stamp:
-    """Return a stamp in the zone that a key states, read without its offset; one that names its own as it is."""
-    return replace(stamp.later(-offset), local=False) if stamp.local else stamp
-
-
-def _stamps(facts: Facts, zone: str) -> list[tuple[str, Stamp]]:
     found = [
         (place, stamp)
         for _, place, value in named(facts, frozenset((*STARTS, *MOMENTS)))

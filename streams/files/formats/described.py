@@ -11,7 +11,7 @@ import numpy as np
 from streams.files.axes import abscissa_size, ordinate_units
 from streams.files.circumstances import circumstances_of, without
 from streams.files.formats.head import Head, StampedRows, StatedUnits, names_and_units
-from streams.files.judge import Start, judge_rate, judge_start, judge_unit, starts_of
+from streams.files.judge import Start, in_zone, judge_rate, judge_start, judge_unit, starts_of
 from streams.files.packing import without_codes
 from streams.files.statements import DECIMAL_COMMA, Facts, StatedNumber, rate_statements, unit_statements
 from streams.files.time_column import TimeColumn, column_statements, is_even, is_index, time_column
@@ -61,7 +61,7 @@ def described(
         raise ReaderError("wrong_shape", f"{name}: holds only times and running numbers: {', '.join(titles)}")
     if stamped is not None:
         rates += _rate_of_stamps(stamped, name)
-        starts += _start_of_stamps(stamped)
+        starts += in_zone(facts, _start_of_stamps(stamped))
     rate, start = judge_rate(rates, name), judge_start(starts, name)
     beside = circumstances_of(facts, name)
     own = [circumstances_of(found, name) for found in of_columns]

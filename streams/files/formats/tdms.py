@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.judge import JudgedStart, Start, StatedRow, judge_start, judged, starts_of
+from streams.files.judge import Start, StatedRow, judge_start, judged, starts_of
 from streams.files.keys import KEYS, TIME_KEYS
 from streams.files.lengths import of_one_length, with_beside
 from streams.files.parse.worker import check_claim, from_disk, library, readable
@@ -161,7 +161,7 @@ def _properties_of(channels: Sequence[Any], file: Any) -> list[dict[str, object]
     """
     own = [_properties(channel) for channel in channels]
     around = _properties(file)
-    dated = any(judge_start(_dated(facts, "UTC"), "") != JudgedStart() for facts in own)
+    dated = any(_dated(facts, "UTC") for facts in own)
     lasting = KEYS - TIME_KEYS if dated else KEYS
     groups = {group.name: nearest(around, _properties(group), "of the file") for group in file.groups()}
     outer = {

@@ -96,7 +96,11 @@ def test_decimal_commas_and_columns_are_kept() -> None:
         ("a,b\n", "empty", "line 1"),
         ("a,b\n1,2\nx,3\n", "unreadable", "line 3, column 1"),
         ("a,b\n1,2,3\n", "wrong_shape", "2 names in the header, 3 columns in line 2"),
-        ("fs: 10\ntime,a\n0,1\n1,2\n2,3\n", "wrong_rate", "several sampling rates: fs 10 Hz, the times in 'time' 1 or"),
+        (
+            "fs: 10\ntime,a\n0,1\n1,2\n2,3\n",
+            "wrong_rate",
+            "fs 10 or 10000 Hz, the times in 'time' 1 or",
+        ),
         ("time,a\n0,1\n1,2\n5,3\n6,3\n", "wrong_rate", "not evenly spaced"),
         ("time,a\n0,1\n-1,2\n", "wrong_rate", "do not increase"),
         ("fs: 0\na\n1\n2\n", "wrong_rate", "positive number in fs"),

@@ -1,0 +1,158 @@
+"""Zones beside times and rates without a unit: read where one meaning is left, refused where there are two."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import spallwatch as sw
+from tests.support.stated_files import RATE, noise, seconds, write_csv, write_hdf5, write_mat, write_tdms
+
+ROWS = noise()
+COUNT = ROWS.shape[1]
+WINTER, SUMMER = "2025-01-10 08:15:00", "2025-07-10 08:15:00"
+Words = dict[str, Any]
+
+
+def csv(folder: Path, words: Words) -> Path:
+    head = [f"{key}: {value}" for key, value in words.items()]
+    return write_csv(folder / "x.csv", ROWS, head, ["acc [g]"])
+
+
+def hdf5(folder: Path, words: Words) -> Path:
+    return write_hdf5(folder / "x.h5", ROWS, {**words, "unit": "g"})
+
+
+def mat(folder: Path, words: Words) -> Path:
+    return write_mat(folder / "x.mat", ROWS, {key.replace(" ", "_"): value for key, value in words.items()}, unit="g")
+
+
+MAKERS: dict[str, Callable[[Path, Words], Path]] = {"csv": csv, "hdf5": hdf5, "mat": mat}
+
+
+def utc(text: str) -> float:
+    return datetime.fromisoformat(text).replace(tzinfo=UTC).timestamp()
+
+
+def start_of(path: Path, **how: Any) -> float:
+    return datetime.fromisoformat(sw.read(path, **how).attrs["start_utc"]).timestamp()
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize(
+    ("key", "value", "start", "hours"),
+    [
+        ("GMT offset h", "-6", WINTER, -6),
+        ("UTC offset", "-6.0", WINTER, -6),
+        ("UTC offset", "+05:30", WINTER, 5.5),
+        ("TZ", "-0600", WINTER, -6),
+        ("Time zone", "UTC-6", SUMMER, -6),
+        ("Time zone", "Central Standard Time", WINTER, -6),
+        ("Time zone", "Central Daylight Time", SUMMER, -5),
+        ("Time zone", "W. Europe Standard Time", WINTER, 1),
+        ("Time zone", "(UTC+01:00) Amsterdam, Berlin, Rome", WINTER, 1),
+        ("Zeitzone", "Mitteleuropaische Sommerzeit", SUMMER, 2),
+        ("UTC offset min", "330", WINTER, 5.5),
+        ("Time zone", "Europe/Berlin", SUMMER, 2),
+    ],
+)
+def test_a_zone_is_read(maker: str, key: str, value: str, start: str, hours: float, tmp_path: Path) -> None:
+    path = MAKERS[maker](tmp_path, {"fs": RATE, "start": start, key: value})
+    assert start_of(path) == utc(start) - 3600.0 * hours
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize(
+    ("key", "value", "start"),
+    [
+        ("Time zone", "CST", WINTER),
+        ("Time zone", "of the plant", WINTER),
+        ("TimeZoneOffset", "-300", WINTER),
+        ("Time zone", "(UTC+01:00) Amsterdam, Berlin, Rome", SUMMER),
+        ("Time zone", "Central Standard Time", SUMMER),
+    ],
+)
+def test_a_zone_that_is_open_leaves_no_time(maker: str, key: str, value: str, start: str, tmp_path: Path) -> None:
+    path = MAKERS[maker](tmp_path, {"fs": RATE, "start": start, key: value})
+    with pytest.raises(sw.SpallwatchError, match=r"the zone of .* is open, by .*timezone.*disregard"):
+        sw.read(path)
+    assert start_of(path, disregard=[key], timezone="Asia/Kolkata") == utc(start) - 5.5 * 3600.0
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize(("flag", "is_open"), [("on", True), ("off", False)])
+def test_summer_time_beside_an_offset_is_open(maker: str, flag: str, is_open: bool, tmp_path: Path) -> None:
+    words = {"fs": RATE, "start": SUMMER, "UTC offset": "+1", "Daylight saving": flag}
+    path = MAKERS[maker](tmp_path, words)
+    if is_open:
+        with pytest.raises(sw.SpallwatchError, match=r"is open, by .*'\+1' and .*daylightsaving 'on'|'Daylight"):
+            sw.read(path)
+    else:
+        assert start_of(path) == utc(SUMMER) - 3600.0
+
+
+def test_a_zone_counts_for_a_column_of_dates(tmp_path: Path) -> None:
+    rows = [f"2025-01-10 08:15:{i / RATE:09.6f}" for i in range(COUNT)]
+    path = write_csv(tmp_path / "x.csv", ROWS, ["GMT offset (h): -6"], ["acc [g]"], before={"time": rows})
+    assert start_of(path) == utc(WINTER) + 6 * 3600.0
+
+
+def test_two_zones_that_differ_are_refused(tmp_path: Path) -> None:
+    path = csv(tmp_path, {"fs": RATE, "start": SUMMER, "Time zone": "Europe/Berlin", "UTC offset": "+1"})
+    with pytest.raises(sw.SpallwatchError, match=r"timezone 'Europe/Berlin' and utcoffset '\+1'"):
+        sw.read(path)
+    assert (
+        start_of(csv(tmp_path, {"fs": RATE, "start": SUMMER, "Zone": "3", "UTC offset": "+2"})) == utc(SUMMER) - 7200.0
+    )
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize("rate", [12.8, 25.6, 51.2, 50, 102.4])
+def test_a_rate_that_may_be_in_khz_is_asked(maker: str, rate: float, tmp_path: Path) -> None:
+    path = MAKERS[maker](tmp_path, {"fs": rate})
+    with pytest.raises(sw.SpallwatchError, match=rf"may mean {rate:g} or {1e3 * rate:g} Hz"):
+        sw.read(path)
+    assert sw.read(path, rate_hz=1e3 * rate).attrs["rate_hz"] == 1e3 * rate
+    assert sw.read(path, rate_hz=rate).attrs["rate_hz"] == rate
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_a_rate_of_any_vibration_and_one_with_its_unit_are_read(maker: str, tmp_path: Path) -> None:
+    for words, rate in (({"fs": 200}, 200.0), ({"fs": 97656.25}, 97656.25), ({"fs_khz": 12.8}, 12800.0)):
+        assert sw.read(MAKERS[maker](tmp_path, words)).attrs["rate_hz"] == pytest.approx(rate, rel=1e-12)
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_another_statement_decides_between_hz_and_khz(maker: str, tmp_path: Path) -> None:
+    path = MAKERS[maker](tmp_path, {"fs": 12.8, "sampling rate": "12800 Hz"})
+    assert sw.read(path).attrs["rate_hz"] == 12800.0
+    path = MAKERS[maker](tmp_path, {"fs": 12.8, "sampling rate": "25600 Hz"})
+    with pytest.raises(sw.SpallwatchError, match="several sampling rates"):
+        sw.read(path)
+
+
+def test_times_decide_between_hz_and_khz(tmp_path: Path) -> None:
+    times = {"time [s]": seconds(COUNT, rate=12800.0)}
+    assert (
+        sw.read(write_csv(tmp_path / "x.csv", ROWS, ["Fs: 12.8"], ["acc [g]"], before=times)).attrs["rate_hz"]
+        == 12800.0
+    )
+
+
+def test_a_step_of_labview_is_in_seconds(tmp_path: Path) -> None:
+    path = write_tdms(tmp_path / "x.tdms", ROWS, {}, {"wf_increment": 0.02, "unit_string": "g"})
+    assert sw.read(path).attrs["rate_hz"] == 50.0
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_decimation_leaves_two_rates(maker: str, tmp_path: Path) -> None:
+    path = MAKERS[maker](tmp_path, {"fs": 51200, "decimation": 4})
+    with pytest.raises(sw.SpallwatchError, match="may mean 51200 or 12800 Hz"):
+        sw.read(path)
+    assert sw.read(path, disregard=["decimation"]).attrs["rate_hz"] == 51200.0
+    assert sw.read(path, rate_hz=12800).attrs["rate_hz"] == 12800.0
+    assert sw.read(MAKERS[maker](tmp_path, {"fs": 51200, "decimation": 1})).attrs["rate_hz"] == 51200.0
