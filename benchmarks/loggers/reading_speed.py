@@ -4,15 +4,15 @@
 
 PATH is a work tree with its own .venv. Both are processes that are warm and take turns file by file, so that whatever
 disturbs the machine disturbs both; the figure is the median, and that of the ratios of neighbouring turns. Times are of
-the wall clock, as parsers may run in a process of their own. ``file``: ``sw.read`` of one file, with its opening;
-``block``: of the blocks of a folder by ``sw.blocks``, the second and those that follow.
+the wall clock, and of the processor with that of the process of parsers (Linux; a machine that is shared disturbs them
+less). ``file``: ``sw.read`` of one file, with its opening; ``block``: of the blocks of a folder by ``sw.blocks``, the
+second and those that follow; ``stream``: the same of the source below it, whose loader is that of the daemon.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -38,22 +38,41 @@ FORMATS: Mapping[str, Mapping[str, Any]] = {
 """By ending: what is said beside the file."""
 
 _WORKER = """
-import json, sys, time
+import json, os, sys, time
+from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import spallwatch as sw
+from streams.open import open_source
+try:
+    from streams.types.spec import ChannelSpec, SourceSpec
+except ImportError:
+    from streams.spec import ChannelSpec, SourceSpec
+
+def clocks():
+    used = time.process_time()
+    children = Path(f"/proc/self/task/{os.getpid()}/children")
+    for child in children.read_text().split() if children.exists() else ():
+        used += int(Path(f"/proc/{child}/schedstat").read_text().split()[0]) * 1e-9
+    return time.perf_counter(), used
+
+def stream(path, rate_hz=None, **level):
+    channel = ChannelSpec(name="a", column=1, **level)
+    return iter(open_source(SourceSpec(name="s", url=path, block_s="file", rate=rate_hz, channels=(channel,))))
+
 for line in sys.stdin:
-    path, how, folder = json.loads(line)
-    begin = time.perf_counter()
-    if folder:
-        blocks = sw.blocks(path, block_s="file", **how)
-        first = next(blocks)
-        begin = time.perf_counter()
-        count = sum(1 for _ in blocks)
-    else:
+    path, how, way = json.loads(line)
+    begin = clocks()
+    if way == "file":
         first, count = sw.read(path, **how), 1
-    seconds = time.perf_counter() - begin
-    level = float((first.values ** 2).mean() ** 0.5)
-    print(json.dumps([seconds / count, first.attrs["rate_hz"], level]), flush=True)
+    else:
+        blocks = stream(path, **how) if way == "stream" else sw.blocks(path, block_s="file", **how)
+        first = next(blocks)
+        begin = clocks()
+        count = sum(1 for _ in blocks)
+    wall, used = (after - before for after, before in zip(clocks(), begin))
+    values, rate = (first.samples, first.rate) if way == "stream" else (first.values, first.attrs["rate_hz"])
+    level = float((values ** 2).mean() ** 0.5)
+    print(json.dumps([wall / count, used / count, rate, level]), flush=True)
 """
 
 
@@ -68,17 +87,16 @@ class Reader:
             [str(python), "-c", _WORKER, str(tree)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=tree
         )
 
-    def read(self, path: Path, how: Mapping[str, Any]) -> tuple[float, float, float]:
-        """Return seconds, Hz and RMS of a file, or of one of the blocks of a folder."""
+    def read(self, path: Path, how: Mapping[str, Any], way: str) -> list[float]:
+        """Return s of wall clock and processor, Hz and RMS of a file, or of one of the blocks of a folder."""
         assert self.process.stdin is not None
         assert self.process.stdout is not None
-        self.process.stdin.write(json.dumps([str(path), how, path.is_dir()]) + "\n")
+        self.process.stdin.write(json.dumps([str(path), how, way]) + "\n")
         self.process.stdin.flush()
         line = self.process.stdout.readline()
         if not line:
             raise RuntimeError(f"{self.tree}: the reader ended at {path.name}")
-        seconds, rate, level = json.loads(line)
-        return seconds, rate, level
+        return json.loads(line)
 
     def close(self) -> None:
         """End it."""
@@ -109,16 +127,18 @@ def measure(readers: Sequence[Reader], folder: Path, rounds: int) -> list[dict[s
     """Return a row for each format and way: medians in ms, and the ratio of the first tree to the second."""
     rows: list[dict[str, Any]] = []
     for ending, how in FORMATS.items():
-        for way, path in (("file", folder / ending / f"rec_20240501_120000.{ending}"), ("block", folder / ending)):
-            times: list[list[float]] = [[] for _ in readers]
-            found = [reader.read(path, how)[1:] for reader in readers]
+        for way in ("file", "block", "stream"):
+            path = folder / ending / (f"rec_20240501_120000.{ending}" if way == "file" else "")
+            found = [reader.read(path, how, way)[2:] for reader in readers]
+            times = np.empty((len(readers), 2, rounds))
             for turn in range(rounds):
                 for place in range(len(readers))[:: 1 if turn % 2 else -1]:
-                    times[place].append(readers[place].read(path, how)[0])
-            row: dict[str, Any] = {"format": ending, "way": way, "ms": 1e3 * statistics.median(times[0])}
+                    times[place, :, turn] = readers[place].read(path, how, way)[:2]
+            row: dict[str, Any] = {"format": ending, "way": way, "ms": 1e3 * float(np.median(times[0, 0]))}
             if len(readers) > 1:
-                row["baseline_ms"] = 1e3 * statistics.median(times[1])
-                row["ratio"] = statistics.median(a / b for a, b in zip(*times, strict=True))
+                row["baseline_ms"] = 1e3 * float(np.median(times[1, 0]))
+                row["ratio"], row["cpu_ratio"] = (float(each) for each in np.median(times[0] / times[1], axis=1))
+                row["least_cpu_ratio"] = float(times[0, 1].min() / times[1, 1].min())
                 row["same"] = str(np.allclose(found[0], found[1], rtol=1e-6))
             rows.append(row)
     return rows
