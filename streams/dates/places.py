@@ -160,6 +160,8 @@ def places_of(named: Sequence[NamedTime], counter: int | None, changes: Mapping[
 
 def placed(stated: TimeStatement, place: FilePlace) -> TimeStatement:
     """Return what a name states with what the others add."""
+    if place == FilePlace(place.rank):
+        return stated
     return replace(
         stated,
         placed_s=place.placed_s,

@@ -190,6 +190,8 @@ def repeated_by(seconds: float, zone: str) -> float:
 
     ``seconds`` is the first of the two, since 1970 UTC, in the zone of an IANA name.
     """
+    if zone == "UTC":
+        return 0.0
     try:
         first = datetime.fromtimestamp(seconds, ZoneInfo(zone)).replace(fold=0)
         return max(first.replace(fold=1).timestamp() - first.timestamp(), 0.0)
@@ -219,6 +221,8 @@ def _stamp(text: str, moment: datetime, zone: str, leap: int = 0) -> Stamp | Non
 
 def _is_skipped(moment: datetime, seconds: float, zone: str | tzinfo) -> bool:
     """Return whether a local time, read as so many seconds since 1970 UTC, does not exist."""
+    if zone == "UTC":
+        return False
     inside = ZoneInfo(zone) if isinstance(zone, str) else zone
     return datetime.fromtimestamp(seconds, inside).replace(tzinfo=None, fold=0) != moment.replace(tzinfo=None, fold=0)
 
