@@ -30,6 +30,7 @@ from monitor.records.filing import MAX_BLOCK
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.queries import state_block
 from monitor.records.store import Store
+from streams.dates.best import latest_of
 from streams.types.block import Block, Rejected
 from streams.types.source import Delivery, FileProgress, LiveSource, Source
 
@@ -228,7 +229,10 @@ class Pipeline:
             noted.analyse(source, files, item.samples.nbytes if isinstance(item, Block) else 0)
         try:
             now = None if options.clock is None else options.clock()
-            state, output = step(before, item, self.settings[source], now=now, acknowledgements=given, truth=truth)
+            latest = None if now is not None else latest_of(time.time())
+            state, output = step(
+                before, item, self.settings[source], now=now, latest=latest, acknowledgements=given, truth=truth
+            )
         finally:
             if noted is not None:
                 noted.analyse(source, ())

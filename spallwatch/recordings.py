@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import time
 import warnings
 from collections.abc import Container, Iterator, Sequence
 from dataclasses import replace
@@ -18,7 +19,9 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from models.words.errors import WrongInputError
-from monitor.health.signal.quality import check_samples
+from monitor.health.block_time import TimedBlock, timed
+from monitor.health.signal.quality import OrderState, check_samples
+from streams.dates.best import latest_of
 from streams.dates.stating import stamp_doubt
 from streams.files.datasets import DATA_SETS
 from streams.files.statements import known_unit, multiple_of
@@ -27,6 +30,7 @@ from streams.open import open_source
 from streams.types.block import Block, Rejected, to_si
 from streams.types.samples import ReaderError
 from streams.types.spec import DEFAULT_BLOCK_SECONDS, ChannelSpec, SourceError, SourceSpec
+from streams.types.stamps import utc_text
 
 _NAME = "recording"
 _MAX_KEPT_SAMPLES = 1 << 20
@@ -42,7 +46,7 @@ class LostSamplesWarning(UserWarning):
 
 
 class DoubtedTimeWarning(UserWarning):
-    """What is stated of the time of a block contradicts itself by more than its length and a zone; it says how."""
+    """The time of a block is doubted: it contradicts itself, those before or the present; the message says how."""
 
 
 class Reading(TypedDict, total=False):
@@ -124,11 +128,13 @@ def read(path: str | PathLike[str], **how: Unpack[Reading]) -> xr.DataArray:
 
     Returns:
         Dimensions (channel, time), in m/s2; ``time`` in s from the first sample; attributes ``rate_hz``, and
-        ``start_utc``, ``speed_hz``, ``load_newton`` where the file states them, ``pulse_times_s`` where it has pulses,
-        ``left_out`` with the names of rows that are no vibration.
+        ``start_utc``, ``speed_hz``, ``load_newton`` where the file states them, ``time_source`` and
+        ``time_uncertainty_s`` of the start, ``time_stated_utc`` where it is another one that is not believed,
+        ``pulse_times_s`` where it has pulses, ``left_out`` with the names of rows that are no vibration.
 
     Warns:
         LostSamplesWarning: samples are missing, and NaN, or were filled with a constant.
+        DoubtedTimeWarning: its time contradicts itself, or the present.
 
     Raises:
         RecordingError: it cannot be read, or rate or unit are neither stated nor given.
@@ -163,6 +169,7 @@ def blocks(
 
     Warns:
         LostSamplesWarning: as ``read``.
+        DoubtedTimeWarning: as ``read``, or the time does not go on from those before.
         NothingAcceptedWarning: with ``skip_rejected``, every block was rejected.
 
     Raises:
@@ -172,12 +179,13 @@ def blocks(
     spec = source_of(path, block_s, how)
     seen = folder_survey(spec)
     spec = _with_channels(spec if seen is None else replace(spec, files=seen.files), how, seen)
-    given, rejection = False, None
+    given, rejection, order, latest = False, None, OrderState(), latest_of(time.time())
     try:
         for item in open_source(spec):
             if isinstance(item, Block):
                 given = True
-                yield _signal_of(item, how)
+                order, placed = timed(order, item, None, latest)
+                yield _signal_of(item, placed, how)
             elif not skip_rejected:
                 raise _rejection(item)
             else:
@@ -297,7 +305,8 @@ def first_channels(
     return {row.name: row.unit or found.data_set.unit for row in rows}
 
 
-def _signal_of(block: Block, how: Reading) -> xr.DataArray:
+def _signal_of(block: Block, placed: TimedBlock, how: Reading) -> xr.DataArray:
+    """Return a block as a signal, at its judged time."""
     rows: list[NDArray[np.floating]] = []
     units: list[str] = []
     for row, unit in zip(block.samples, block.units, strict=True):
@@ -311,15 +320,18 @@ def _signal_of(block: Block, how: Reading) -> xr.DataArray:
         verdict = check_samples(values, absolute=unit != "unknown")
         if {verdict.status, *verdict.flags} & {"nan", "filled", "out_of_range"}:
             warnings.warn(f"{block.name}: {name}: {verdict.reason}", LostSamplesWarning, stacklevel=3)
-    doubt = stamp_doubt(block.start, block.samples.shape[1] / block.rate, block.stated)
-    if doubt is not None:
+    judged, start = placed.judged, placed.block.start
+    doubt = judged.doubt or stamp_doubt(block.start, block.samples.shape[1] / block.rate, block.stated)
+    if doubt:
         warnings.warn(f"{block.name}: {doubt}", DoubtedTimeWarning, stacklevel=3)
     found = _array(np.stack(rows), block.channels, block.rate, units[0])
     found.attrs |= {"name": block.name, "sequence": block.sequence}
     stated = {
-        "start_utc": None if block.start is None else datetime.fromtimestamp(block.start, UTC).isoformat(),
-        "time_source": None if block.stated is None else block.stated.source,
-        "elapsed_s": block.elapsed,
+        "start_utc": None if start is None else datetime.fromtimestamp(start, UTC).isoformat(),
+        "time_source": judged.source,
+        "time_uncertainty_s": judged.uncertainty,
+        "time_stated_utc": None if judged.stated is None else utc_text(judged.stated),
+        "elapsed_s": placed.block.elapsed,
         "speed_hz": block.speed,
         "load_newton": block.load,
     }

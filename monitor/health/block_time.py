@@ -10,7 +10,7 @@ from monitor.health.record import Record
 from monitor.health.signal.quality import OrderState, check_order
 from streams.dates.observed import JudgedTime, TimeObservation
 from streams.types.block import Block
-from streams.types.times import TimeStatement
+from streams.types.times import MIN_TIME, TimeStatement
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,17 +49,27 @@ class TimedBlock:
         return "; ".join(filter(None, (self.judged.doubt, *others)))
 
 
-def timed(state: OrderState, block: Block, now: float | None) -> tuple[OrderState, TimedBlock]:
-    """Check the place of a block in its stream, and judge its time; ``now`` is UTC of a live stream, else None."""
+def timed(
+    state: OrderState, block: Block, now: float | None, latest: float | None = None
+) -> tuple[OrderState, TimedBlock]:
+    """Check the place of a block in its stream, and judge its time.
+
+    Args:
+        now: the present, s UTC, of a live stream, else None.
+        latest: a time that no recorded block can have by now, s UTC; None where that is not known.
+    """
     seen: TimeObservation | None = None
     if block.start is not None:
         seen = TimeObservation(block.start, block.duration, statement=block.stated)
     elif block.elapsed is not None:
         seen = TimeObservation(block.elapsed, block.duration, dated=False, statement=block.stated)
-    after, flags, judged = check_order(state, block.sequence, seen, now=now)
-    if block.start is not None and judged.time != block.start:
+    elif block.stated is not None and not block.stated.is_stated:
+        seen = TimeObservation(0.0, block.duration, statement=block.stated)
+    after, flags, judged = check_order(state, block.sequence, seen, now=now, latest=latest)
+    is_date = judged.time is not None and judged.time >= MIN_TIME
+    if judged.time != block.start and (block.start is not None or is_date):
         elapsed = judged.elapsed
-        if judged.time is not None and block.elapsed is not None:
+        if block.start is not None and judged.time is not None and block.elapsed is not None:
             elapsed = block.elapsed + judged.time - block.start
         block = replace(block, start=judged.time, elapsed=elapsed)
     return after, TimedBlock(block, flags, judged)

@@ -87,6 +87,7 @@ def step(
     settings: SourceSettings,
     *,
     now: float | None = None,
+    latest: float | None = None,
     acknowledgements: Sequence[AlarmAcknowledgement] = (),
     truth: Mapping[str, Any] | None = None,
 ) -> tuple[SourceState, SourceOutput]:
@@ -97,7 +98,7 @@ def step(
 
     Args:
         item: the block, or the rejection that takes its place.
-        now: present UTC where the stream is live, None in a replay.
+        now: present UTC where the stream is live, None in a replay; ``latest`` a time that no block can have by then.
         acknowledgements: of alarms, since the block before.
         truth: true values of the block, of a simulated rig.
     """
@@ -111,7 +112,7 @@ def step(
         order, _, _ = check_order(state.order, item.sequence, None)
         state, output = replace(state, order=order), SourceOutput(rejected_record(item), misfit=misfit)
     else:
-        order, placed = timed(state.order, item, now)
+        order, placed = timed(state.order, item, now, latest)
         state, output = _analyse(replace(state, order=order), placed, settings, truth)
     verdicts = {name: channel.block.verdict for name, channel in output.channels.items()}
     state, events, bearings = take_record(state, output.record, verdicts, settings, acknowledgements)

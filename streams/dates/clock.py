@@ -9,19 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC, datetime
 
+from streams.dates.best import (
+    MAX_PAUSE_S,
+    RESET_WINDOW_S,
+    STAMPS,
+    best_of,
+    by_witness,
+    goes_on,
+    is_reset,
+    is_rollover,
+    rolled_over,
+)
 from streams.dates.drift import DAY, drift_doubt, span_text, uncertainty_of, with_run
 from streams.dates.observed import ClockState, JudgedTime, TimeObservation
 from streams.types.stamps import utc_text
-from streams.types.times import MIN_TIME, TimeSource
+from streams.types.times import MIN_TIME
 
-ROLLOVER_S = 1024 * 7 * DAY
-"""After so long the week number of GPS begins again."""
 _MAX_SET_BACK_S = 30 * DAY
 """Farther back than this no clock is set in use; it has fallen back."""
-_MAX_PAUSE_S = 180 * DAY
-"""A longer pause is doubted until the next block confirms it."""
 _MAX_AHEAD_S = 60.0
 _MAX_INTERVALS = 2.5
 """A longer step, in usual intervals, is a gap."""
@@ -29,25 +35,34 @@ _MIN_SHARE = 0.9
 """Part of a block that the next one must be later."""
 _MIN_BLOCKS, _MAX_BLOCKS = 1.5, 2.5
 """Usual intervals from the last block but one, where the one between was ahead for itself."""
-_STAMPS = ("name", "header")
-"""Witnesses that are stamps of the start; the last change of a file follows a copy."""
 STEADY_BLOCKS = 3
 """Blocks after which the differences of a doubted clock that runs on are used."""
-_RESET_WINDOW_S = 2 * DAY
 _EPOCH_2000 = 946684800.0
+_NO_CLOCK = ("source", "count")
+"""What the configuration dates, or a model, may lie in the future."""
 _AGREE_S = 900.0
 
 
-def judge_time(state: ClockState, seen: TimeObservation, now: float | None = None) -> tuple[ClockState, JudgedTime]:
+def judge_time(
+    state: ClockState, seen: TimeObservation, now: float | None = None, latest: float | None = None
+) -> tuple[ClockState, JudgedTime]:
     """Take the time that a block states into the state.
 
     Args:
         now: the present, s UTC, for a live stream; None in a replay.
+        latest: a time that no file can have by then, s UTC: a day after the present, as zones differ; None: not known.
     """
-    if not seen.dated:
+    counts = state.time is not None and state.time < MIN_TIME
+    if not seen.dated and (state.time is None or counts):
         return _judge_count(state, seen)
+    if not seen.dated or not (seen.statement is None or seen.statement.is_stated):
+        return _judge_undated(state, seen)
+    if counts:
+        state = ClockState(interval=state.interval)
     seen, open_hour = _in_right_hour(state, seen)
     reason = _impossible(state, seen)
+    if reason is None and latest is not None and seen.time > latest and seen.source not in _NO_CLOCK:
+        reason = f", {span_text(seen.time - latest + DAY)} ahead of the present"
     if reason is not None:
         return _doubt(state, seen, _states(seen) + reason)
     if now is not None and seen.time > now + _MAX_AHEAD_S:
@@ -59,10 +74,13 @@ def judge_time(state: ClockState, seen: TimeObservation, now: float | None = Non
     reason = _states(seen) + reason
     if _is_confirmed(state, seen):
         return _believe_new(state, seen)
-    if _was_ahead(state, seen):
-        # The block before was ahead, and its record says nothing of it.
-        state, found = _believe(replace(state, time=state.before, before=None, doubted=state.doubted + 1), seen)
-        return state, replace(found, doubt=reason)
+    if (ahead := _were_ahead(state, seen)) is not None:
+        # Those between were ahead, and their records say nothing of it.
+        before, blocks = ahead
+        among = replace(state, time=before, before=None, jumped=None, doubted=state.doubted + blocks, stated=None)
+        state, found = _believe(among, seen)
+        many = f"; the {blocks} blocks before were ahead" if blocks > 1 else ""
+        return state, replace(found, doubt=reason + many, advance=state.interval if blocks > 1 else None)
     if _is_after_reset(state, seen):
         state, found = _believe_new(state, seen)
         return state, replace(found, doubt=reason, holds=False)
@@ -129,12 +147,16 @@ def _impossible(state: ClockState, seen: TimeObservation) -> str | None:
         return ", which does not fit the files before and after"
     if seen.time < MIN_TIME:
         return ": the clock was never set"
-    if state.time is None and 0.0 <= seen.time - _EPOCH_2000 < _RESET_WINDOW_S and seen.source != "count":
+    if state.time is None and 0.0 <= seen.time - _EPOCH_2000 < RESET_WINDOW_S and seen.source != "count":
         return ", where clocks begin that were never set"
     for source, lag in () if statement is None else statement.witnesses:
-        if lag > DAY and _is_rollover(lag, 2 * DAY) and source not in state.lags:
+        changed = seen.time + lag
+        if source == "mtime" and lag < -DAY and changed >= MIN_TIME and not is_reset(changed):
+            if lag < state.lags.get(source, (0.0, None))[0] - DAY:
+                return f", {span_text(-lag)} after its last change"
+        if lag > DAY and is_rollover(lag, 2 * DAY) and source not in state.lags:
             return f", {span_text(lag)} before its {source}: the week number of GPS began again"
-        if lag > _MAX_PAUSE_S and source in _STAMPS and is_reset(seen.time):
+        if lag > MAX_PAUSE_S and source in STAMPS and is_reset(seen.time):
             return f", where clocks begin, {span_text(lag)} before its {source}"
     return None
 
@@ -151,7 +173,7 @@ def _contradicted(state: ClockState, seen: TimeObservation) -> str | None:
     usual = max(state.length - (state.interval or 0.0), 0.0) + (1.0 - _MIN_SHARE) * state.length
     if seen.resolution is not None and overlap > max(usual, 2.0 * seen.resolution):
         return f", {span_text(overlap)} before the end of the block before"
-    by_others = _by_witness(state, seen)
+    by_others = by_witness(state, seen)
     limit = _MAX_INTERVALS * (1 + state.doubted) * (state.interval or step)
     if step > limit and by_others is not None:
         other, source, scatter = by_others
@@ -159,7 +181,7 @@ def _contradicted(state: ClockState, seen: TimeObservation) -> str | None:
             return None
         if other - state.time <= limit:
             return f", {span_text(step)} after {_before(state)}, but its {source} says {span_text(other - state.time)}"
-    if step > _MAX_PAUSE_S:
+    if step > MAX_PAUSE_S:
         return f", {span_text(step)} after {_before(state)}"
     return None
 
@@ -168,39 +190,12 @@ def _before(state: ClockState) -> str:
     return f"the block before ({utc_text(state.time or 0.0)})"
 
 
-def _is_rollover(lag: float, tolerance: float) -> bool:
-    return any(abs(lag - count * ROLLOVER_S) <= tolerance for count in (1, 2))
 
-
-def is_reset(time: float) -> bool:
-    """Return whether a time, s since 1970 UTC, is one at which clocks begin again: in the first days of a year."""
-    try:
-        moment = datetime.fromtimestamp(time, UTC)
-    except (OverflowError, ValueError, OSError):
-        return False
-    return (time - datetime(moment.year, 1, 1, tzinfo=UTC).timestamp()) < _RESET_WINDOW_S
-
-
-def _by_witness(state: ClockState, seen: TimeObservation) -> tuple[float, TimeSource, float] | None:
-    """Return the start by another witness that went with the clock so far, its source and scatter in s, or None."""
-    if seen.statement is None or state.time is None:
-        return None
-    for source, lag in seen.statement.witnesses:
-        usual, scatter = state.lags.get(source, (0.0, None))
-        found = seen.time + lag - usual
-        if scatter is None and source in _STAMPS and found <= state.time + max(10.0 * (state.interval or 0.0), DAY):
-            # Another stamp of the same start needs no history where it goes on.
-            scatter = 0.0
-        if scatter is None or scatter > 0.5 * (state.interval or state.length):
-            continue
-        if found >= state.time + 0.9 * state.length + scatter and found <= state.time + _MAX_PAUSE_S:
-            return found, source, scatter
-    return None
 
 
 def _is_confirmed(state: ClockState, seen: TimeObservation) -> bool:
     """Return whether a block goes on from a doubted one so that the clock of both is the one that holds."""
-    if state.stated is None or not _goes_on(state, seen) or _rolled_over(state, seen) is not None:
+    if state.stated is None or not goes_on(state, seen) or rolled_over(state, seen) is not None:
         return False
     # One that runs as long as the one before is no worse, unless it began as one that was reset.
     begin = state.stated - state.steady * (state.interval or 0.0)
@@ -208,22 +203,34 @@ def _is_confirmed(state: ClockState, seen: TimeObservation) -> bool:
     return state.may_hold or longer
 
 
-def _goes_on(state: ClockState, seen: TimeObservation) -> bool:
-    """Return whether a doubted clock goes on from what it stated before."""
-    return state.stated is not None and 0.0 < seen.time - state.stated <= max(10.0 * (state.interval or 0.0), DAY)
+
+def _were_ahead(state: ClockState, seen: TimeObservation) -> tuple[float, int] | None:
+    """Return the last time before blocks that were ahead, and their number, where a time goes on from there."""
+    if state.interval is None or state.time is None or state.doubted or state.time <= seen.time:
+        return None
+    if state.before is not None:
+        step = seen.time - state.before
+        if _MIN_BLOCKS * state.interval <= step <= _MAX_BLOCKS * state.interval:
+            return state.before, 1
+    if state.jumped is None:
+        return None
+    # What that clock counted itself leaves the two steps to it and back.
+    before, first, blocks = state.jumped
+    slack = seen.time - before - (state.time - first)
+    return (before, blocks) if 0.0 < slack <= 2.0 * _MAX_INTERVALS * state.interval else None
 
 
-def _was_ahead(state: ClockState, seen: TimeObservation) -> bool:
-    """Return whether a time goes on from the last block but one, so that the one between was ahead for itself."""
-    if state.before is None or state.interval is None or state.time is None or state.doubted:
-        return False
-    step = seen.time - state.before
-    return state.time > seen.time and _MIN_BLOCKS * state.interval <= step <= _MAX_BLOCKS * state.interval
+def _jumped(state: ClockState, seen: TimeObservation) -> tuple[float, float, int] | None:
+    """Return the latest jump ahead with a block that is believed."""
+    if state.time is not None and state.interval is not None and not state.doubted:
+        if seen.time - state.time > _MAX_INTERVALS * state.interval:
+            return state.time, seen.time, 1
+    return None if state.jumped is None else (*state.jumped[:2], state.jumped[2] + 1)
 
 
 def _is_after_reset(state: ClockState, seen: TimeObservation) -> bool:
     """Return whether the blocks before are those of a clock that began again, and this is the one that was set."""
-    if state.time is None or state.began is None or seen.time - state.time <= _MAX_PAUSE_S:
+    if state.time is None or state.began is None or seen.time - state.time <= MAX_PAUSE_S:
         return False
     return is_reset(state.began) and not is_reset(seen.time)
 
@@ -245,6 +252,7 @@ def _believe(state: ClockState, seen: TimeObservation) -> tuple[ClockState, Judg
         length=seen.length,
         interval=interval,
         before=None if state.doubted else state.time,
+        jumped=_jumped(state, seen),
         began=seen.time if state.began is None else state.began,
         believed=state.believed + 1,
         lags=_lags(state, seen),
@@ -260,10 +268,14 @@ def _believe(state: ClockState, seen: TimeObservation) -> tuple[ClockState, Judg
 def _believe_new(state: ClockState, seen: TimeObservation) -> tuple[ClockState, JudgedTime]:
     """Take the time of a clock that was set: what was before does not count for it, but the usual interval."""
     advance = state.interval or 0.0
-    if state.stated is not None and _goes_on(state, seen):
+    if state.stated is not None and goes_on(state, seen):
         held = state.steady >= STEADY_BLOCKS or state.given is None or state.time is None
         advance = seen.time - state.stated + (0.0 if held or state.given is None else state.given - (state.time or 0.0))
-    fresh = ClockState(interval=state.interval, drift=state.drift, lags=state.lags)
+    jumped = None
+    if state.time is not None and state.stated is not None and state.stated > state.time:
+        first = state.stated - state.steady * (state.interval or 0.0)
+        jumped = state.time, first, state.steady + 1
+    fresh = ClockState(interval=state.interval, drift=state.drift, lags=state.lags, jumped=jumped)
     after, found = _believe(fresh, seen)
     return after, replace(found, advance=advance)
 
@@ -299,9 +311,9 @@ def _doubt(state: ClockState, seen: TimeObservation, reason: str) -> tuple[Clock
     """Give a block whose time is doubted the time that is known best otherwise."""
     if seen.statement is not None and not seen.statement.has_place:
         return state, JudgedTime(None, doubt=reason, stated=seen.time, holds=False)
-    goes_on = _goes_on(state, seen)
-    steady = state.steady + 1 if goes_on else 0
-    given, uncertainty, source, sure = _given(state, seen)
+    follows = goes_on(state, seen)
+    steady = state.steady + 1 if follows else 0
+    given, uncertainty, source, sure = best_of(state, seen)
     found = JudgedTime(given, uncertainty, source, reason, stated=seen.time, holds=sure or steady >= STEADY_BLOCKS)
     after = replace(
         state,
@@ -309,16 +321,36 @@ def _doubt(state: ClockState, seen: TimeObservation, reason: str) -> tuple[Clock
         given=given,
         doubted=state.doubted + 1,
         steady=steady,
-        may_hold=state.may_hold if goes_on else _may_hold(state, seen),
+        may_hold=state.may_hold if follows else _may_hold(state, seen),
     )
     if sure and given is not None:
         return replace(after, time=given, length=seen.length, doubted=0), found
     if given is not None or state.time is not None:
         return after, found
     # Nothing but this clock tells how far the blocks are apart.
-    step = seen.time - state.stated if goes_on and state.stated is not None else None
+    step = seen.time - state.stated if follows and state.stated is not None else None
     unset = state.unset + (step or 0.0)
     return replace(after, unset=unset), replace(found, elapsed=unset, advance=step)
+
+
+def _judge_undated(state: ClockState, seen: TimeObservation) -> tuple[ClockState, JudgedTime]:
+    """Take a block that states no date where others do; its time is an estimate, if there is one."""
+    reason = "states no date, though others of its source do"
+    after = replace(state, stated=None, doubted=state.doubted + 1, steady=0, may_hold=False)
+    if seen.statement is not None and seen.source == "between":
+        return replace(after, given=seen.time), JudgedTime(
+            seen.time, seen.statement.margin_s, "between", reason, holds=False
+        )
+    by_others = by_witness(state, replace(seen, time=0.0))
+    if by_others is not None:
+        given, source, scatter = by_others
+        after = replace(after, time=given, length=seen.length, doubted=0)
+        return after, JudgedTime(given, 1.0 + 2.0 * scatter, source, reason)
+    if state.time is None or state.interval is None:
+        return after, JudgedTime(None, doubt=reason, holds=False)
+    follows = state.interval * (1 + state.doubted)
+    given = state.time + follows
+    return replace(after, given=given), JudgedTime(given, follows, "order", reason, holds=False)
 
 
 def _may_hold(state: ClockState, seen: TimeObservation) -> bool:
@@ -337,38 +369,3 @@ def _doubt_ahead(state: ClockState, seen: TimeObservation, ahead: float) -> tupl
     after = replace(state, stated=seen.time, given=seen.time, doubted=state.doubted + 1)
     return after, JudgedTime(seen.time, ahead, seen.source, reason)
 
-
-def _rolled_over(state: ClockState, seen: TimeObservation) -> float | None:
-    """Return a time with the weeks that a receiver of GPS has lost, if it goes on from the block before so."""
-    if state.time is None:
-        return None
-    latest = state.time + max(10.0 * (state.interval or 0.0), DAY)
-    found = (seen.time + count * ROLLOVER_S for count in (1, 2))
-    return next((time for time in found if state.time < time <= latest), None)
-
-
-def _given(state: ClockState, seen: TimeObservation) -> tuple[float | None, float | None, TimeSource | None, bool]:
-    """Return time, uncertainty and source of a doubted block, and whether it is sure enough to go on from it."""
-    statement, last = seen.statement, state.time
-    if statement is not None and statement.placed_s is not None:
-        return seen.time + statement.placed_s, statement.margin_s, "between", False
-    resolution, corrected = seen.resolution or 1.0, _rolled_over(state, seen)
-    if corrected is not None:
-        return corrected, resolution, "rollover", True
-    if last is None:
-        for source, lag in () if statement is None else statement.witnesses:
-            if seen.time + lag >= MIN_TIME:
-                return seen.time + lag, resolution if source in _STAMPS else DAY, source, source in _STAMPS
-        return None, None, None, False
-    by_others = _by_witness(state, seen)
-    if by_others is not None:
-        other, source, scatter = by_others
-        return other, resolution + 2.0 * scatter, source, True
-    if _goes_on(state, seen) and state.given is not None and state.stated is not None:
-        given = state.given + seen.time - state.stated
-        return given, given - last, "order", False
-    if state.interval is None:
-        return None, None, None, False
-    given = last + state.interval * (1 + state.doubted)
-    # A time far ahead may be true, and the pause before it long.
-    return given, max(given - last, seen.time - given), "order", False

@@ -6,24 +6,30 @@ The choice is made once, at the first file that can be read: live and replayed f
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import math
+import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 from models.words.errors import SpallwatchError
 from streams.dates import places
+from streams.dates.best import latest_of
 from streams.dates.dating import Dating, check_kept, folder_of, numbers_of, place_in_names, wanted_by
+from streams.dates.drift import DAY
 from streams.dates.places import FilePlace, NamedTime
-from streams.dates.stating import COUNTED, Witnesses, by_header, by_name, stamp_doubt
+from streams.dates.stating import COUNTED, Witnesses, by_header, by_name, lags_from, stamp_doubt
 from streams.types.listing import printable
 from streams.types.samples import Samples
 from streams.types.spec import SourceSpec
-from streams.types.stamps import Order, Stamp, evidence, read_stamp, stamp_in_name, utc_text
+from streams.types.stamps import Order, Stamp, day_in_folders, evidence, read_stamp, stamp_in_name, utc_text
 from streams.types.times import TimeStatement
 
 _LOG = logging.getLogger(__name__)
 
+_MAX_OFFSET_S = 14 * 3600.0
+"""Largest difference of a zone to UTC."""
 _LENGTH_TOLERANCE = 0.1
 """Share by which a file may be longer than the time to the next one."""
 
@@ -49,6 +55,7 @@ class Dater:
         keep: Callable[[Dating], None] = lambda choice: None,
         names: Callable[[], Iterable[str]] = tuple,
         changes: Callable[[], Mapping[str, float]] | None = None,
+        above: str = "",
     ) -> None:
         """Begin with the kept choice of a source, if there is one.
 
@@ -58,6 +65,7 @@ class Dater:
             keep: stores a choice before it is used.
             names: gives the paths of the files that are known.
             changes: gives the times of their last changes, s since 1970 UTC, where no other files will come.
+            above: the folders above them that hold nothing but a date, see :func:`streams.types.stamps.date_folders`.
 
         Raises:
             SourceError: the configuration contradicts the choice.
@@ -68,7 +76,9 @@ class Dater:
         """Sentences for people: what is not used, what has no date."""
         self._spec, self._cut, self._several = spec, cut, several
         self._keep, self._names, self._changes = keep, names, changes
+        self._above = f"{above}/" if above else ""
         self._places: Mapping[str, FilePlace] | None = None
+        self._by_starts: Mapping[str, FilePlace] = {}
         self._conflicts: dict[str, str] = {}
         self._open: set[str] = set()
         self._scanned: set[str] = set()
@@ -95,7 +105,7 @@ class Dater:
 
     def _named(self, path: str) -> NamedTime | None:
         stamp = self._name_stamp(path)
-        return None if stamp is None else places.named_time(path, stamp, self.choice.order, self._spec.timezone)
+        return None if stamp is None else places.named_time(path, self._above + path, stamp, self.choice.order, self._spec.timezone)
 
     def _place(self, path: str) -> FilePlace | None:
         """Return the place of a file among all, where no others will come and their order is settled."""
@@ -106,7 +116,8 @@ class Dater:
             self._places = {}
             named = [found for name in self._names() if (found := self._named(name)) is not None]
             is_open = any(one.repeated_s for one in named) or places.may_be_wrong(named)
-            self._places = places.places_of(named, self.choice.counter, self._changes() if is_open else {})
+            changes = self._changes() if is_open else {}
+            self._places = places.places_of(named, self.choice.counter, changes, latest_of(time.time()))
             if wrong := places.wrong_words(named, self._places):
                 self._remark("wrong", wrong)
         return self._places.get(path)
@@ -145,8 +156,19 @@ class Dater:
                 self._wait_for_open(path)
             samples = replace(samples, start=None) if start is None else self._by_header(samples, start, path, ended)
         if samples.start is None and choice.by in ("header", "name"):
-            self._remark("undated", f"{path} has no date in its {choice.by}: its blocks have none")
+            samples = self._undated(samples, path, ended)
         return samples
+
+    def _undated(self, samples: Samples, path: str, ended: float | None) -> Samples:
+        """Estimate the start of a file that states none between those around it, where these are known."""
+        place = self._by_starts.get(path)
+        if place is not None and place.placed_s is not None:
+            start, stated = place.placed_s, TimeStatement("between", margin_s=place.margin_s, is_stated=False)
+        else:
+            # The last change follows a copy: the judge knows whether it goes with the clock.
+            start, stated = None, TimeStatement("order", is_stated=False, witnesses=lags_from(0.0, {"mtime": ended}))
+        self._remark("undated", f"{path} has no date in its {self.choice.by}: the time of its blocks is estimated")
+        return samples.changed(start=start, elapsed=None, joins=False, stated=stated)
 
     def _by_name(self, samples: Samples, path: str, ended: float | None) -> Samples:
         """Date a file by its name; ``ended`` is its last change less its length."""
@@ -158,17 +180,48 @@ class Dater:
             place = self._place(path)
             if place is not None:
                 stated = places.placed(stated, place)
+        elif samples.start is not None:
+            return self._by_header(samples, samples.start, path, ended)
+        elif (day := self._day(path)) is not None:
+            start, stated = day, TimeStatement("folder", DAY)
         return samples.changed(start=start, elapsed=None, joins=False, stated=stated)
 
     def _by_header(self, samples: Samples, start: float, path: str, ended: float | None) -> Samples:
         """Date a file by its header; ``ended`` is its last change less its length."""
         named = self._name_stamp(path) if samples.number == 1 else None
         others: Witnesses = {"name": None if named is None else named.fixed, "mtime": ended}
+        day = self._day(path) if named is None else None
+        if day is not None and not day - _MAX_OFFSET_S <= start <= day + DAY + _MAX_OFFSET_S:
+            others["folder"] = day
         stated = by_header(samples, start, self._spec.timezone, others)
+        if (place := self._by_starts.get(path)) is not None:
+            stated = places.placed(stated, place)
         doubt = stamp_doubt(start, samples.values.shape[1] / samples.known_rate, stated)
         if doubt is not None:
             self._remark("stamps", f"{path}: {doubt}; time_from says which dates its blocks")
         return samples.changed(start=start, stated=stated)
+
+    def take_starts(self, files: Iterable[tuple[str, Samples, float | None]]) -> None:
+        """Take what the headers of all files state, in their order, where no others will come.
+
+        What does not fit its neighbours is placed between them from then on.
+
+        Args:
+            files: path, samples and time of the last change of each, s since 1970 UTC.
+        """
+        found: list[NamedTime] = []
+        self._by_starts = {}
+        for path, samples, changed in files:
+            with contextlib.suppress(UndatedError):
+                dated = self.date(samples, path, changed)
+                if dated.stated is None or dated.stated.source == "count" or not dated.stated.is_stated:
+                    found.append(NamedTime(path, 0.0, 0.0, path))
+                elif dated.start is not None:
+                    found.append(NamedTime(path, dated.start, dated.stated.repeated_s, path))
+        self._by_starts = places.places_in_order(found, latest_of(time.time()))
+        wrong = [one for one in found if one.time and one.path in self._by_starts]
+        if words := places.wrong_words(wrong, self._by_starts):
+            self._remark("wrong", words)
 
     def note_own(self, name: str, start: float | None) -> None:
         """Remark which keys are not used because the files of a data set state their time."""
@@ -219,7 +272,11 @@ class Dater:
         return None if samples.stamp is None else read_stamp(samples.stamp, self._spec.timezone)
 
     def _name_stamp(self, path: str) -> Stamp | None:
-        return stamp_in_name(path, self._spec.timezone, self._spec.time_name)
+        return stamp_in_name(self._above + path, self._spec.timezone, self._spec.time_name)
+
+    def _day(self, path: str) -> float | None:
+        stamp = day_in_folders(self._above + path, self._spec.timezone)
+        return None if stamp is None else stamp.fixed
 
     def _set(self, choice: Dating) -> None:
         self._keep(choice)
@@ -243,7 +300,7 @@ class Dater:
             by = "count"
             if samples.start is not None or self._header_stamp(samples) is not None:
                 by = "header"
-            elif self._states_time(path):
+            elif self._states_time(path) or (not self._several and self._day(path) is not None):
                 by = "name"
         order = spec.date_order if by in ("header", "name") else None
         choice = Dating(by, order=order, decided_by=None if order is None else "configuration", example=path)
@@ -287,7 +344,7 @@ class Dater:
         """Date a file by the number in its name; one that is counted by its blocks is left as it is."""
         choice = self.choice
         if not self._several:
-            return replace(samples, start=choice.start, elapsed=0.0, stated=COUNTED)
+            return samples.changed(start=choice.start, elapsed=0.0, stated=COUNTED)
         if samples.start is not None and self._spec.time_from is None:
             self._remark("header", f"{path} states {utc_text(samples.start)}, but blocks are dated {choice.describe()}")
         if choice.group is None:

@@ -18,6 +18,7 @@ class ClockState:
         length: of that block, s.
         interval: usual one from block to block, s, or None before the second.
         before: start of the block before that, where it was believed too, else None.
+        jumped: time before the latest jump ahead, the first one behind it, and the blocks since; None without one.
         began: first time that was believed of the clock as it is set now.
         believed: number of blocks believed since.
         stated: what the latest block stated, where it was doubted, else None; ``given`` the time that it got.
@@ -33,6 +34,7 @@ class ClockState:
     length: float = 0.0
     interval: float | None = None
     before: float | None = None
+    jumped: tuple[float, float, int] | None = None
     began: float | None = None
     believed: int = 0
     stated: float | None = None

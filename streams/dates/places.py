@@ -13,9 +13,10 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from streams.dates.clock import is_reset
+from streams.dates.best import is_reset
 from streams.dates.dating import numbers_of
 from streams.types.listing import natural_key
+from streams.types.samples import Samples
 from streams.types.stamps import Order, Stamp, repeated_by, utc_text
 from streams.types.times import MIN_TIME, TimeStatement
 
@@ -33,7 +34,11 @@ _AGREE_S = 900.0
 _FRACTION = re.compile(r"[-_.,](\d{3}|\d{6})$")
 _PADDED = 2
 """Rank of a number with leading zeros, see ``numbers_of``."""
-_MAX_RUN, _MIN_STEPS = 20, 3
+_MAX_RUN, _MIN_STEPS, _MAX_LOOKS = 20, 3, 1000
+_SUMMER_S = 3600.0
+_ODD_INTERVALS = 10.0
+_NOT_STATED = ("count", "mtime", "name", "name_local", "folder")
+"""What is no statement of a header; names are all known at once."""
 _MIN_SHARE, _MAX_SHARE = 0.8, 2.5
 """Time that files between two others take each, in usual intervals."""
 
@@ -72,13 +77,18 @@ class FilePlace:
     hour_is_open: bool = False
 
 
-def named_time(path: str, stamp: Stamp, order: Order | None, zone: str) -> NamedTime | None:
-    """Return the time in a name, None where its order of day and month is open; ``zone`` is that of local times."""
+def named_time(path: str, full: str, stamp: Stamp, order: Order | None, zone: str) -> NamedTime | None:
+    """Return the time in a name, None where its order of day and month is open.
+
+    Args:
+        path: of the file; ``full`` the same with the folders above.
+        zone: IANA name of the zone of local times.
+    """
     time = stamp.fixed if order is None else stamp.at(order)
     if time is None:
         return None
     repeated_s = repeated_by(time, zone) if stamp.local and not stamp.skipped else 0.0
-    return NamedTime(path, time, repeated_s, without_date(path, stamp.text))
+    return NamedTime(path, time, repeated_s, without_date(full, stamp.text))
 
 
 def without_date(path: str, text: str) -> str:
@@ -131,21 +141,22 @@ def counted(named: NamedTime, place: int) -> int | None:
     return numbers[-place].value if len(numbers) >= place else None
 
 
-def places_of(named: Sequence[NamedTime], counter: int | None, changes: Mapping[str, float]) -> dict[str, FilePlace]:
+def places_of(
+    named: Sequence[NamedTime], counter: int | None, changes: Mapping[str, float], latest: float | None = None
+) -> dict[str, FilePlace]:
     """Return the place of each file, and the time of those whose clock was wrong, by path.
 
     Args:
         named: all files whose names state their time.
         counter: which number counts files, see :func:`counter_in`.
         changes: time of the last change of each file, s since 1970 UTC; {} where not known.
+        latest: a time that no file can have by now, s since 1970 UTC; None where that is not known.
     """
     ordered, is_open = _in_hours(named, changes)
     if counter is not None:
         is_open = set()
         ordered.sort(key=lambda one: (counted(one, counter) is None, counted(one, counter) or 0))
-    wrong = _wrong(ordered)
-    if counter is not None:
-        wrong |= _ahead(_through_hour(ordered), wrong)
+    wrong = _wrong(ordered, latest) if counter is None else _unfit(ordered, latest)
     if not wrong:
         return {one.path: FilePlace(rank, hour_is_open=one.path in is_open) for rank, one in enumerate(ordered)}
     if counter is None:
@@ -156,6 +167,23 @@ def places_of(named: Sequence[NamedTime], counter: int | None, changes: Mapping[
             return known | {one.path: FilePlace(rank, is_known=False) for rank, one in enumerate(last, len(right))}
         ordered.sort(key=lambda one: changes[one.path])
     return _between(ordered, wrong)
+
+
+def places_in_order(files: Sequence[NamedTime], latest: float | None = None) -> dict[str, FilePlace]:
+    """Return the place of each file of some whose order is known by their names, not by the times that they state.
+
+    Args:
+        files: in that order; ``time`` is 0 where a file states none.
+        latest: as of :func:`places_of`.
+
+    Returns:
+        By path; ``placed_s`` of a file without a time is its time. Empty where the times do not follow the order.
+    """
+    named = [one for one in files if one.time]
+    if len(named) < 2 or not _rises([one.time for one in _through_hour(named)], _MIN_COUNTED_PADDED):
+        return {}
+    wrong = _unfit(named, latest) | {one.path for one in files if not one.time}
+    return _between(files, wrong) if wrong else {}
 
 
 def placed(stated: TimeStatement, place: FilePlace) -> TimeStatement:
@@ -220,7 +248,14 @@ def _through_hour(ordered: Sequence[NamedTime]) -> list[NamedTime]:
     return found
 
 
-def _wrong(ordered: Sequence[NamedTime]) -> set[str]:
+def _unfit(ordered: Sequence[NamedTime], latest: float | None) -> set[str]:
+    """Return the files of which the time does not fit an order that is known otherwise."""
+    wrong = _ahead(_through_hour(ordered), set())
+    wrong |= _wrong([one for one in ordered if one.path not in wrong], latest)
+    return wrong | _ahead(_through_hour(ordered), wrong)
+
+
+def _wrong(ordered: Sequence[NamedTime], latest: float | None = None) -> set[str]:
     """Return the files whose time does not fit those before and after: of eras that contradict, the shorter."""
     segments: list[list[NamedTime]] = []
     for one in ordered:
@@ -230,6 +265,7 @@ def _wrong(ordered: Sequence[NamedTime]) -> set[str]:
             segments.append([one])
     if len(segments) < 2:
         return set()
+    segments, out = _without_ahead(segments, latest)
     # The heaviest chain of segments in which time rises without a pause of years.
     best: list[tuple[float, int | None]] = []
     for place, segment in enumerate(segments):
@@ -239,19 +275,42 @@ def _wrong(ordered: Sequence[NamedTime]) -> set[str]:
             if segments[i][-1].time < segment[0].time <= _latest_after(segments[i])
         ]
         weight, link = max(before, default=(0.0, None))
-        best.append((weight + _weight(segment), link))
+        best.append((weight + _weight(segment, latest), link))
     chosen: set[int] = set()
     # Of two that weigh the same the later one: clocks are set sooner than they are lost.
     place: int | None = max(range(len(best)), key=lambda i: (best[i][0], i))
     while place is not None:
         chosen.add(place)
         place = best[place][1]
-    return {one.path for i, segment in enumerate(segments) if i not in chosen for one in segment}
+    return out | {one.path for i, segment in enumerate(segments) if i not in chosen for one in segment}
 
 
-def _weight(segment: Sequence[NamedTime]) -> float:
-    """Return how much the files of one setting of a clock count: next to nothing where it has begun again."""
-    return len(segment) * (1.0 if segment[0].time >= MIN_TIME and not is_reset(segment[0].time) else 1e-3)
+def _without_ahead(
+    segments: Sequence[list[NamedTime]], latest: float | None
+) -> tuple[list[list[NamedTime]], set[str]]:
+    """Return the segments without those that were ahead, and the files of these: the next goes on from the one before.
+
+    No clock is set back to where it was; one that begins again is not one that was right before.
+    """
+    kept: list[list[NamedTime]] = [segments[0]]
+    out: set[str] = set()
+    for place in range(1, len(segments)):
+        segment, before = segments[place], kept[-1]
+        after = segments[place + 1] if place + 1 < len(segments) else None
+        if after is not None and before[-1].time < after[0].time < segment[0].time:
+            around = _weight(before, latest) + _weight(after, latest)
+            if around >= 0.5 * len(segment) and not is_reset(before[0].time) and not is_reset(after[0].time):
+                out |= {one.path for one in segment}
+                continue
+        kept.append(segment)
+    return kept, out
+
+
+def _weight(segment: Sequence[NamedTime], latest: float | None) -> float:
+    """Return how much the files of one setting of a clock count: next to nothing where it cannot be right."""
+    first = segment[0].time
+    is_wrong = first < MIN_TIME or is_reset(first) or (latest is not None and segment[-1].time > latest)
+    return len(segment) * (1e-3 if is_wrong else 1.0)
 
 
 def _ahead(ordered: Sequence[NamedTime], wrong: set[str]) -> set[str]:
@@ -260,11 +319,12 @@ def _ahead(ordered: Sequence[NamedTime], wrong: set[str]) -> set[str]:
     steps = [after.time - before.time for before, after in itertools.pairwise(right) if after.time > before.time]
     interval = statistics.median_low(steps) if len(steps) >= _MIN_STEPS else 0.0
     found: set[str] = set()
-    place = 1
-    while interval and place < len(right):
+    place, looks = 1, _MAX_LOOKS
+    while interval and place < len(right) and looks:
         before = right[place - 1].time
-        fits = before < right[place].time <= before + 10.0 * interval
-        run = 0 if fits else _run_ahead(right, place, interval)
+        fits = before < right[place].time <= before + _ODD_INTERVALS * interval
+        run = 0 if fits else _run_ahead(right, place, interval) or _run_of_a_clock(right, place, interval)
+        looks -= not fits
         found |= {one.path for one in right[place : place + run]}
         place += run + 1
     return found
@@ -278,6 +338,27 @@ def _run_ahead(right: Sequence[NamedTime], place: int, interval: float) -> int:
         if _MIN_SHARE * (run + 1) * interval <= behind <= _MAX_SHARE * (run + 1) * interval:
             inside = any(before < one.time < before + behind for one in right[place : place + run])
             return 0 if inside else run
+    return 0
+
+
+def _run_of_a_clock(right: Sequence[NamedTime], place: int, interval: float) -> int:
+    """Return how many files from a place on are of a clock that jumped and came back by as much, or 0.
+
+    What it counted itself leaves the two steps there and back; one of them leads back in time, which none does.
+    """
+    before, first = right[place - 1].time, right[place].time
+    for end in range(place + 1, len(right)):
+        step = right[end].time - right[end - 1].time
+        if 0.0 < step <= _ODD_INTERVALS * interval:
+            continue
+        slack = right[end].time - before - (right[end - 1].time - first)
+        if 0.0 < slack <= 2.0 * _MAX_SHARE * interval and (step <= 0.0 or first <= before):
+            run, off = end - place, abs(first - before - 0.5 * slack)
+            is_summer = abs(off - _SUMMER_S) <= interval and right[end - 1].time - first > _ERA_S
+            # A clock that is right less than half of the time is set, not wrong for a while.
+            return 0 if is_summer or 2 * run > len(right) else run
+        if step <= 0.0:
+            return 0
     return 0
 
 
@@ -322,7 +403,7 @@ def _times(
 ) -> list[tuple[float, float]]:
     """Return time and uncertainty of the files of a run, s, from its neighbours and the interval of the others, s."""
     own = [one.time - run[0].time for one in run]
-    steady = all(0.0 < b - a <= max(10.0 * interval, _DAY) for a, b in itertools.pairwise(own))
+    steady = all(0.0 < b - a <= max(_ODD_INTERVALS * interval, _DAY) for a, b in itertools.pairwise(own))
     if before is not None and after is not None:
         slack = after - before - own[-1]
         if steady and slack > 0.0:
@@ -338,3 +419,29 @@ def _times(
     # Nothing says how long before the others they were.
     end = (after or 0.0) - interval - own[-1]
     return [(end + offset, interval + own[-1] - offset) for offset in own]
+
+
+class Steps:
+    """Tells from file to file in order whether a start is odd, once."""
+
+    def __init__(self, *, looked: bool) -> None:
+        """Begin before the first file, or behind others; not ``looked``: those are known to have had a wrong clock."""
+        self._last: float | None = None
+        self._interval: float | None = None
+        self._is_due, self._done = not looked, False
+
+    def is_odd(self, result: object) -> bool:
+        """Return whether the start of what was loaded is missing, or does not go on from that before, the first time.
+
+        A short pause is of no interest, as of a clock that is as often ahead by as little.
+        """
+        if self._done or not isinstance(result, Samples) or result.stated is None or result.stated.source in _NOT_STATED:
+            return False
+        start, last = result.start, self._last
+        odd = self._is_due or start is None or not result.stated.is_stated
+        if start is not None and last is not None and not odd:
+            step = start - last
+            odd = step <= 0.0 or (self._interval is not None and step > _ODD_INTERVALS * self._interval)
+            self._interval = step if self._interval is None else min(step, self._interval)
+        self._last, self._done = start, odd
+        return odd

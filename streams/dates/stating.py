@@ -10,7 +10,7 @@ _SKIPPED_S = 3600.0
 """Usual length of what is left out of local time in spring."""
 COUNTED = TimeStatement("count")
 """Of a count: no clock says how exact it is."""
-_STAMPS: tuple[TimeSource, ...] = ("name", "name_local", "header", "header_local")
+_STAMPS: tuple[TimeSource, ...] = ("name", "name_local", "header", "header_local", "folder")
 _MINUTE, _QUARTER, _LONGEST_OFFSET = 60.0, 900.0, 14 * 3600.0
 Witnesses = dict[TimeSource, float | None]
 """Other times of the start of a file, s since 1970 UTC, None where there is none."""
@@ -22,14 +22,14 @@ def by_header(samples: Samples, start: float, zone: str, others: Witnesses) -> T
     stamp = None if written is None else read_stamp(written, zone)
     if stamp is None or not stamp.local:
         resolution = resolution_of(start) if stamp is None else stamp.resolution
-        return TimeStatement("header", resolution, witnesses=_lags(start, others))
+        return TimeStatement("header", resolution, witnesses=lags_from(start, others))
     return _local("header_local", stamp, start, zone, others)
 
 
 def by_name(stamp: Stamp, start: float, zone: str, others: Witnesses) -> TimeStatement:
     """Return what the start in a name is by; arguments as of :func:`by_header`."""
     if not stamp.local:
-        return TimeStatement("name", stamp.resolution, witnesses=_lags(start, others))
+        return TimeStatement("name", stamp.resolution, witnesses=lags_from(start, others))
     return _local("name_local", stamp, start, zone, others)
 
 
@@ -39,11 +39,12 @@ def _local(source: TimeSource, stamp: Stamp, start: float, zone: str, others: Wi
         stamp.resolution,
         repeated_s=0.0 if stamp.skipped else repeated_by(start, zone),
         skipped_s=_SKIPPED_S if stamp.skipped else 0.0,
-        witnesses=_lags(start, others),
+        witnesses=lags_from(start, others),
     )
 
 
-def _lags(start: float, others: Witnesses) -> tuple[tuple[TimeSource, float], ...]:
+def lags_from(start: float, others: Witnesses) -> tuple[tuple[TimeSource, float], ...]:
+    """Return how far other times of a start are behind it, s."""
     return tuple((source, time - start) for source, time in others.items() if time is not None)
 
 

@@ -28,6 +28,7 @@ from streams.folder.watch import FolderWatch
 from streams.types.listing import CLOSED, Stat, is_skipped, natural_key, shown, stat_file, walk_files
 from streams.types.source import MAX_IGNORED_NAMES, Backlog, Delivery, Ledger, LiveSource
 from streams.types.spec import SourceError, SourceSpec
+from streams.types.stamps import date_folders
 
 _LOG = logging.getLogger(__name__)
 _MAX_NOTED = 8
@@ -290,6 +291,7 @@ class FolderSource(LiveSource):
                 cut=is_cut(self._spec, data_set),
                 keep=lambda choice: self._ledger.keep_dating(self.name, choice.to_dict()),
                 names=lambda: self._register.paths(),
+                above=date_folders(str(self._real)),
             )
         self._loader = Loader(self._spec, data_set, self._real, dater=dater)
 

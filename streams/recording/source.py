@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 
 from streams.dates.dater import Dater, UndatedError
 from streams.dates.dating import Dating
+from streams.dates.places import Steps
 from streams.files.container import Files, Item, hash_of_file, open_files
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.groups import check_names, not_read
@@ -22,7 +23,7 @@ from streams.types.listing import CLOSED, natural_key, shown
 from streams.types.samples import Origin, ReaderError, Samples
 from streams.types.source import MAX_IGNORED_NAMES, Backlog
 from streams.types.spec import SourceError, SourceSpec
-
+from streams.types.stamps import date_folders
 
 class Recording:
     """The blocks of a recording, equal to those of a folder with the same files.
@@ -50,13 +51,17 @@ class Recording:
         self._dater: Dater | None = None
         cut = is_cut(spec, data_set)
         if is_dated_by_choice(spec, data_set):
-            self._dater = Dater(spec, kept, cut=cut, several=files.several, names=self._listed, changes=self._changes)
+            above = date_folders(str(files.root.parent if files.sequential else files.root))
+            self._dater = Dater(
+                spec, kept, cut=cut, several=files.several, names=self._listed, changes=self._changes, above=above
+            )
             self._dater.remarks |= {} if begin is None else begin.remarks
         self._loader = Loader(spec, data_set, files.root, several=files.several, dater=self._dater)
         self._count: int | None = None
         self._met: Met | None = None
         self._block_s = spec.block_s if cut and spec.block_s != "file" else None
         self._begin = begin
+        self._knows_starts = False
         self._reading = self._new_reading()
         if begin is None:
             self._check()
@@ -349,9 +354,25 @@ class Recording:
             )
         reading.begin_files(paths)
         self._files.expect(paths)
+        dater = None if self._knows_starts else self._dater
+        steps = Steps(looked=dater is None or not {"wrong", "undated"} & set(dater.remarks))
         for number, (facts, item) in enumerate(known[first:], first):
             reading.begin_file(number)
-            yield self._load(item, facts)
+            loaded = self._load(item, facts)
+            if dater is not None and steps.is_odd(loaded.result):
+                # What is behind shows whether the clock was wrong for a while.
+                dater.take_starts(self._undated_files(known))
+                self._knows_starts = True
+                loaded = self._load(item, facts)
+            yield loaded
+
+    def _undated_files(self, known: Iterable[tuple[FileFacts, Item]]) -> Iterator[tuple[str, Samples, float | None]]:
+        """Yield the files that can be read, with what they state, and the times of their last changes."""
+        for facts, item in known:
+            if facts.start is None and facts.elapsed is None:
+                with contextlib.suppress(ReaderError):
+                    samples = self._loader.load_undated(item.read(), item.path, facts, item.path)
+                    yield item.path, samples, item.changed()
 
     def _in_order_of_archive(self) -> Iterator[Loaded]:
         wanted: Iterator[tuple[object, ...]] = (

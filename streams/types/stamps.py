@@ -72,6 +72,12 @@ _CLOCK_BELOW = re.compile(
     r")(?P<zone>Z)?(?!\d)"
 )
 """A time of day below folders of a date; the hour may be a folder."""
+_DATE_FOLDERS = re.compile(
+    r"(?:(?:19|20)\d\d(?:/(?:0[1-9]|1[0-2])(?:/(?:0[1-9]|[12]\d|3[01])(?:/[0-2]\d(?:/[0-5]\d)?)?)?)?"
+    r"|(?:(?:19|20)\d\d[-_.]?\d\d[-_.]?\d\d|\d\d?[-_.]\d\d?[-_.](?:19|20)\d\d)(?:[-_. T]?[\d\-_.:hZ]*)(?:/\d\d){0,2})"
+)
+"""Folders that hold nothing but a date: year, month, day, hour and minute one below the other, or a date as the name."""
+_MAX_DATE_FOLDERS = 5
 
 _DIRECTIVES = {
     "Y": r"\d{4}",
@@ -331,6 +337,26 @@ def stamp_in_name(path: str, zone: str, pattern: str | None = None) -> Stamp | N
                 else None
             )
     return None
+
+
+def date_folders(path: str) -> str:
+    """Return the last folders of a path, as many as hold nothing but a date or its beginning; "" where none does.
+
+    Below ``.../2026/03`` that is 2026/03; a folder of another name states no date of what stands below it.
+    """
+    names = path.strip("/").split("/")
+    for count in range(min(_MAX_DATE_FOLDERS, len(names)), 0, -1):
+        folders = "/".join(names[-count:])
+        if _DATE_FOLDERS.fullmatch(folders):
+            return folders
+    return ""
+
+
+def day_in_folders(path: str, zone: str) -> Stamp | None:
+    """Return the day that the folders right above a file state, as its first moment; None without a whole date."""
+    folders = date_folders(path.rpartition("/")[0])
+    matches = [match for pattern in _IN_FOLDERS if (match := pattern.search(folders)) is not None]
+    return _in_numbers(matches[0][0], {**dict.fromkeys("HMSf"), **matches[0].groupdict()}, zone) if matches else None
 
 
 def _found_usual(text: str, zone: str) -> list[Stamp]:

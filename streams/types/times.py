@@ -9,7 +9,8 @@ MIN_TIME = 347155200.0
 """1981-01-01 UTC, s: earlier times are of a clock that was never set (epochs of Unix, of FAT and of GPS)."""
 
 TimeSource = Literal[
-    "header", "header_local", "name", "name_local", "count", "mtime", "frame", "source", "order", "between", "rollover"
+    "header", "header_local", "name", "name_local", "count", "mtime", "frame", "source", "order", "between", "rollover",
+    "folder",
 ]
 TIME_SOURCES: tuple[TimeSource, ...] = get_args(TimeSource)
 """What the time of a block comes from. Append only: the integers of published files follow the order."""
@@ -28,6 +29,7 @@ class TimeStatement:
         hour_is_open: whether the order of the files does not tell which of two equal local hours it is of.
         has_place: whether its place among the files is known.
         witnesses: other times of the same start, by source, such as the last change less the length.
+        is_stated: False for a file without a date among those that have one: its start is estimated, to ``margin_s``.
     """
 
     source: TimeSource
@@ -39,3 +41,4 @@ class TimeStatement:
     hour_is_open: bool = False
     has_place: bool = True
     witnesses: tuple[tuple[TimeSource, float], ...] = ()
+    is_stated: bool = True

@@ -22,6 +22,7 @@ from monitor.config.positions import Place
 from monitor.config.source import ChannelSection, SourceSection
 from monitor.health.block_time import timed
 from monitor.health.signal.quality import OrderState, check_samples
+from streams.dates.best import latest_of
 from streams.files.plausible import SignalLevel, level_of, of_one_g
 from streams.types.block import Block, Rejected, to_si
 from streams.types.samples import Samples
@@ -151,7 +152,7 @@ class _FirstBlocks:
                 found.refused = item if found.refused is None and found.first is None else found.refused
                 continue
             found.first = found.first or item
-            order, judged = timed(order, item, None)
+            order, judged = timed(order, item, None, latest_of(time.time()))
             if judged.judged.doubt:
                 found.doubted.append((item.name, judged.judged.doubt))
             _note_shapes(found.shapes, subject.config, item.channels, item.samples)

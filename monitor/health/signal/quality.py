@@ -237,14 +237,19 @@ class OrderState(StoredState):
 
 
 def check_order(
-    state: OrderState, sequence: int, seen: TimeObservation | None, *, now: float | None = None
+    state: OrderState,
+    sequence: int,
+    seen: TimeObservation | None,
+    *,
+    now: float | None = None,
+    latest: float | None = None,
 ) -> tuple[OrderState, tuple[str, ...], JudgedTime]:
     """Check the position of a block in its stream and judge its time.
 
     Args:
         sequence: of the block, from 1.
         seen: what it states of its time, None where nothing does.
-        now: the present, s UTC, for a live stream; None in a replay.
+        now, latest: as of :func:`streams.dates.clock.judge_time`.
 
     Returns:
         The state, the flags ``late``, ``out_of_order``, ``gap`` and ``clock``, and the time of the block.
@@ -255,7 +260,7 @@ def check_order(
     missing = bool(state.sequence) and sequence > state.sequence + 1
     if seen is None:
         return replace(state, sequence=sequence), ("gap",) if missing else (), UNKNOWN_TIME
-    clock, found = judge_time(state.clock, replace(seen, in_order=not missing), now)
+    clock, found = judge_time(state.clock, replace(seen, in_order=not missing), now, latest)
     flags = {"gap"} if missing or found.gap else set[str]()
     if found.doubt:
         flags.add("clock")
