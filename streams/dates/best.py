@@ -76,7 +76,10 @@ def best_of(state: ClockState, seen: TimeObservation) -> tuple[float | None, flo
     """Return time, uncertainty and source of a doubted block, and whether it is sure enough to go on from it."""
     statement, last = seen.statement, state.time
     if statement is not None and statement.placed_s is not None:
-        return seen.time + statement.placed_s, statement.margin_s, "between", False
+        placed, other = seen.time + statement.placed_s, by_witness(state, seen)
+        if other is not None and other[1] in STAMPS and abs(other[0] - placed) <= statement.margin_s:
+            return other[0], seen.resolution or 1.0, other[1], True
+        return placed, statement.margin_s, "between", False
     resolution, corrected = seen.resolution or 1.0, rolled_over(state, seen)
     if corrected is not None:
         return corrected, resolution, "rollover", True

@@ -150,10 +150,10 @@ def _impossible(state: ClockState, seen: TimeObservation) -> str | None:
     if state.time is None and 0.0 <= seen.time - _EPOCH_2000 < RESET_WINDOW_S and seen.source != "count":
         return ", where clocks begin that were never set"
     for source, lag in () if statement is None else statement.witnesses:
-        changed = seen.time + lag
-        if source == "mtime" and lag < -DAY and changed >= MIN_TIME and not is_reset(changed):
-            if lag < state.lags.get(source, (0.0, None))[0] - DAY:
-                return f", {span_text(-lag)} after its last change"
+        usual, changed = state.lags.get(source, (0.0, None))[0], seen.time + lag
+        is_late = source == "mtime" and lag < min(0.0, usual) - DAY
+        if is_late and changed >= MIN_TIME and not is_reset(changed):
+            return f", {span_text(-lag)} after its last change"
         if lag > DAY and is_rollover(lag, 2 * DAY) and source not in state.lags:
             return f", {span_text(lag)} before its {source}: the week number of GPS began again"
         if lag > MAX_PAUSE_S and source in STAMPS and is_reset(seen.time):
@@ -190,9 +190,6 @@ def _before(state: ClockState) -> str:
     return f"the block before ({utc_text(state.time or 0.0)})"
 
 
-
-
-
 def _is_confirmed(state: ClockState, seen: TimeObservation) -> bool:
     """Return whether a block goes on from a doubted one so that the clock of both is the one that holds."""
     if state.stated is None or not goes_on(state, seen) or rolled_over(state, seen) is not None:
@@ -201,7 +198,6 @@ def _is_confirmed(state: ClockState, seen: TimeObservation) -> bool:
     begin = state.stated - state.steady * (state.interval or 0.0)
     longer = state.steady + 1 >= max(STEADY_BLOCKS, state.believed) and not is_reset(begin)
     return state.may_hold or longer
-
 
 
 def _were_ahead(state: ClockState, seen: TimeObservation) -> tuple[float, int] | None:
@@ -222,10 +218,10 @@ def _were_ahead(state: ClockState, seen: TimeObservation) -> tuple[float, int] |
 
 def _jumped(state: ClockState, seen: TimeObservation) -> tuple[float, float, int] | None:
     """Return the latest jump ahead with a block that is believed."""
-    if state.time is not None and state.interval is not None and not state.doubted:
-        if seen.time - state.time > _MAX_INTERVALS * state.interval:
-            return state.time, seen.time, 1
-    return None if state.jumped is None else (*state.jumped[:2], state.jumped[2] + 1)
+    last, interval = state.time, state.interval
+    if last is None or interval is None or state.doubted or seen.time - last <= _MAX_INTERVALS * interval:
+        return None if state.jumped is None else (*state.jumped[:2], state.jumped[2] + 1)
+    return last, seen.time, 1
 
 
 def _is_after_reset(state: ClockState, seen: TimeObservation) -> bool:
@@ -368,4 +364,3 @@ def _doubt_ahead(state: ClockState, seen: TimeObservation, ahead: float) -> tupl
         return _doubt(state, seen, reason)
     after = replace(state, stated=seen.time, given=seen.time, doubted=state.doubted + 1)
     return after, JudgedTime(seen.time, ahead, seen.source, reason)
-

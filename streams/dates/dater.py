@@ -13,17 +13,17 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
-from models.words.errors import SpallwatchError
 from streams.dates import places
 from streams.dates.best import latest_of
 from streams.dates.dating import Dating, check_kept, folder_of, numbers_of, place_in_names, wanted_by
 from streams.dates.drift import DAY
+from streams.dates.order import DateOrder, UndatedError
 from streams.dates.places import FilePlace, NamedTime
 from streams.dates.stating import COUNTED, Witnesses, by_header, by_name, lags_from, stamp_doubt
 from streams.types.listing import printable
 from streams.types.samples import Samples
 from streams.types.spec import SourceSpec
-from streams.types.stamps import Order, Stamp, day_in_folders, evidence, read_stamp, stamp_in_name, utc_text
+from streams.types.stamps import Stamp, day_in_folders, read_stamp, stamp_in_name, utc_text
 from streams.types.times import TimeStatement
 
 _LOG = logging.getLogger(__name__)
@@ -32,14 +32,6 @@ _MAX_OFFSET_S = 14 * 3600.0
 """Largest difference of a zone to UTC."""
 _LENGTH_TOLERANCE = 0.1
 """Share by which a file may be longer than the time to the next one."""
-
-
-class UndatedError(SpallwatchError):
-    """The date of a file cannot be told yet; it waits, and the message says for what."""
-
-    def __init__(self, reason: str) -> None:
-        """Take the reason, which may hold names that are no UTF-8."""
-        super().__init__(printable(reason))
 
 
 class Dater:
@@ -79,10 +71,7 @@ class Dater:
         self._above = f"{above}/" if above else ""
         self._places: Mapping[str, FilePlace] | None = None
         self._by_starts: Mapping[str, FilePlace] = {}
-        self._conflicts: dict[str, str] = {}
-        self._open: set[str] = set()
-        self._scanned: set[str] = set()
-        self._evidence: dict[Order, str] = {}
+        self.order = DateOrder(spec, lambda: self.choice, self._set, names, self._name_stamp)
 
     def name_order(self, path: str) -> float | None:
         """Return what orders a file where names are what dates, None where its name states no time."""
@@ -105,7 +94,11 @@ class Dater:
 
     def _named(self, path: str) -> NamedTime | None:
         stamp = self._name_stamp(path)
-        return None if stamp is None else places.named_time(path, self._above + path, stamp, self.choice.order, self._spec.timezone)
+        return (
+            None
+            if stamp is None
+            else places.named_time(path, self._above + path, stamp, self.choice.order, self._spec.timezone)
+        )
 
     def _place(self, path: str) -> FilePlace | None:
         """Return the place of a file among all, where no others will come and their order is settled."""
@@ -151,9 +144,9 @@ class Dater:
             samples = self._by_name(samples, path, ended)
         elif choice.by == "header":
             stamp = None if samples.start is not None else self._header_stamp(samples)
-            start = samples.start if stamp is None else self._resolved(stamp, path)
+            start = samples.start if stamp is None else self.order.resolve(stamp, path)
             if stamp is None and start is not None:
-                self._wait_for_open(path)
+                self.order.wait_for_open(path)
             samples = replace(samples, start=None) if start is None else self._by_header(samples, start, path, ended)
         if samples.start is None and choice.by in ("header", "name"):
             samples = self._undated(samples, path, ended)
@@ -173,7 +166,7 @@ class Dater:
     def _by_name(self, samples: Samples, path: str, ended: float | None) -> Samples:
         """Date a file by its name; ``ended`` is its last change less its length."""
         stamp = self._name_stamp(path)
-        start = None if stamp is None else self._resolved(stamp, path)
+        start = None if stamp is None else self.order.resolve(stamp, path)
         stated = None
         if stamp is not None and start is not None:
             stated = by_name(stamp, start, self._spec.timezone, {"header": samples.start, "mtime": ended})
@@ -232,18 +225,6 @@ class Dater:
         if unused:
             self._remark("own", f"{', '.join(unused)} not used: files of {name} state their time")
 
-    @property
-    def conflicts(self) -> tuple[str, ...]:
-        """The files that contradict the order of day and month."""
-        return tuple(self._conflicts)
-
-    def forget(self, path: str) -> bool:
-        """Forget what a file that is gone or rejected stated; return whether others waited for it."""
-        waited = path in self._open or path in self._conflicts
-        self._open.discard(path)
-        self._conflicts.pop(path, None)
-        return waited
-
     def place_time(self, sequence: int, length: float) -> tuple[float | None, float] | None:
         """Return start and elapsed time of a block of ``length`` s that is counted by its number, else None."""
         choice = self.choice
@@ -266,7 +247,7 @@ class Dater:
             for path in self._names():
                 stamp = self._name_stamp(path)
                 if stamp is not None:
-                    self._resolved(stamp, path)
+                    self.order.resolve(stamp, path)
 
     def _header_stamp(self, samples: Samples) -> Stamp | None:
         return None if samples.stamp is None else read_stamp(samples.stamp, self._spec.timezone)
@@ -387,66 +368,6 @@ class Dater:
             # Kept, so that after a restart the next file need not wait for another one.
             self._set(replace(choice, step=length if whole else None, growing=path, grown=length))
         return self.choice.step
-
-    def _resolved(self, stamp: Stamp, path: str) -> float:
-        """Return the time of a stamp by the order of day and month over all files.
-
-        Raises:
-            UndatedError: the order is not decided, or files disagree.
-        """
-        self._conflicts.pop(path, None)
-        if stamp.open and self.choice.order is None:
-            self._decide(stamp, path)
-        order = self.choice.order
-        if not stamp.open or (order is None and stamp.fixed is not None):
-            self._wait_for_open(path)
-            return stamp.fixed or 0.0
-        if order is None:
-            self._open.add(path)
-            raise UndatedError(
-                f"{path}: {stamp.text!r} is {utc_text(stamp.day_first or 0.0)} (day first) or "
-                f"{utc_text(stamp.month_first or 0.0)} (month first), and no file decides which; "
-                + self._remedy("day_first or month_first")
-            )
-        found = stamp.at(order)
-        if found is None:
-            self._conflicts[path] = stamp.text
-            raise UndatedError(
-                f"{path}: {stamp.text!r} cannot be {order.replace('_', ' ')}, as {self.choice.decided_by} has it; "
-                + self._remedy(stamp.orders[0])
-            )
-        if self._conflicts and stamp.fixed is None and self.choice.decided_by != "configuration":
-            other, text = next(iter(self._conflicts.items()))
-            raise UndatedError(f"{path}: waits while {other} ({text!r}) and {self.choice.decided_by} disagree")
-        return found
-
-    def _wait_for_open(self, path: str) -> None:
-        """Raise UndatedError while other files wait for the order of day and month: this one may come after them."""
-        if self.choice.order is None and self._open - {path}:
-            raise UndatedError(f"{path}: waits for {min(self._open)}, until a file tells day and month apart")
-
-    def _decide(self, stamp: Stamp, path: str) -> None:
-        stamps = [(path, stamp)]
-        if self.choice.by == "name":
-            names = set(self._names())
-            if not names >= self._scanned:
-                # What removed files stated counts no more.
-                self._scanned, self._evidence = set(), {}
-            new, self._scanned = sorted(names - self._scanned), names
-            stamps += [(name, found) for name in new if (found := self._name_stamp(name)) is not None]
-        decided = self._evidence = evidence(stamps) | self._evidence
-        if len(decided) > 1:
-            one, two = decided.values()
-            raise UndatedError(f"{one} and {two} disagree on the order of day and month; " + self._remedy("..."))
-        for order, by in decided.items():
-            self._set(replace(self.choice, order=order, decided_by=by))
-
-    def _remedy(self, order: str) -> str:
-        name = ' or time_name = "%d-%m-%Y_%H-%M-%S"' if self.choice.by == "name" else ""
-        return (
-            f"set [[source]] date_order = {order}{name}, and where blocks are dated already: "
-            f"spallwatch redate {self._spec.name}"
-        )
 
 
 def _without_time(samples: Samples) -> Samples:

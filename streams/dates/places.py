@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 from streams.dates.best import is_reset
 from streams.dates.dating import numbers_of
+from streams.dates.excursions import excursions
 from streams.types.listing import natural_key
-from streams.types.samples import Samples
 from streams.types.stamps import Order, Stamp, repeated_by, utc_text
 from streams.types.times import MIN_TIME, TimeStatement
 
@@ -34,13 +34,6 @@ _AGREE_S = 900.0
 _FRACTION = re.compile(r"[-_.,](\d{3}|\d{6})$")
 _PADDED = 2
 """Rank of a number with leading zeros, see ``numbers_of``."""
-_MAX_RUN, _MIN_STEPS, _MAX_LOOKS = 20, 3, 1000
-_SUMMER_S = 3600.0
-_ODD_INTERVALS = 10.0
-_NOT_STATED = ("count", "mtime", "name", "name_local", "folder")
-"""What is no statement of a header; names are all known at once."""
-_MIN_SHARE, _MAX_SHARE = 0.8, 2.5
-"""Time that files between two others take each, in usual intervals."""
 
 
 @dataclass(frozen=True)
@@ -250,9 +243,13 @@ def _through_hour(ordered: Sequence[NamedTime]) -> list[NamedTime]:
 
 def _unfit(ordered: Sequence[NamedTime], latest: float | None) -> set[str]:
     """Return the files of which the time does not fit an order that is known otherwise."""
-    wrong = _ahead(_through_hour(ordered), set())
+    wrong = _excursions(ordered)
     wrong |= _wrong([one for one in ordered if one.path not in wrong], latest)
-    return wrong | _ahead(_through_hour(ordered), wrong)
+    return wrong | _excursions([one for one in ordered if one.path not in wrong])
+
+
+def _excursions(ordered: Sequence[NamedTime]) -> set[str]:
+    return {ordered[place].path for place in excursions([one.time for one in _through_hour(ordered)])}
 
 
 def _wrong(ordered: Sequence[NamedTime], latest: float | None = None) -> set[str]:
@@ -285,9 +282,7 @@ def _wrong(ordered: Sequence[NamedTime], latest: float | None = None) -> set[str
     return out | {one.path for i, segment in enumerate(segments) if i not in chosen for one in segment}
 
 
-def _without_ahead(
-    segments: Sequence[list[NamedTime]], latest: float | None
-) -> tuple[list[list[NamedTime]], set[str]]:
+def _without_ahead(segments: Sequence[list[NamedTime]], latest: float | None) -> tuple[list[list[NamedTime]], set[str]]:
     """Return the segments without those that were ahead, and the files of these: the next goes on from the one before.
 
     No clock is set back to where it was; one that begins again is not one that was right before.
@@ -311,55 +306,6 @@ def _weight(segment: Sequence[NamedTime], latest: float | None) -> float:
     first = segment[0].time
     is_wrong = first < MIN_TIME or is_reset(first) or (latest is not None and segment[-1].time > latest)
     return len(segment) * (1e-3 if is_wrong else 1.0)
-
-
-def _ahead(ordered: Sequence[NamedTime], wrong: set[str]) -> set[str]:
-    """Return the files that jump ahead or back for a while, so that those around them have room for them between."""
-    right = [one for one in ordered if one.path not in wrong]
-    steps = [after.time - before.time for before, after in itertools.pairwise(right) if after.time > before.time]
-    interval = statistics.median_low(steps) if len(steps) >= _MIN_STEPS else 0.0
-    found: set[str] = set()
-    place, looks = 1, _MAX_LOOKS
-    while interval and place < len(right) and looks:
-        before = right[place - 1].time
-        fits = before < right[place].time <= before + _ODD_INTERVALS * interval
-        run = 0 if fits else _run_ahead(right, place, interval) or _run_of_a_clock(right, place, interval)
-        looks -= not fits
-        found |= {one.path for one in right[place : place + run]}
-        place += run + 1
-    return found
-
-
-def _run_ahead(right: Sequence[NamedTime], place: int, interval: float) -> int:
-    """Return how many files from a place on do not fit between that before and the first behind that does, or 0."""
-    before = right[place - 1].time
-    for run in range(1, min(_MAX_RUN, len(right) - place - 1) + 1):
-        behind = right[place + run].time - before
-        if _MIN_SHARE * (run + 1) * interval <= behind <= _MAX_SHARE * (run + 1) * interval:
-            inside = any(before < one.time < before + behind for one in right[place : place + run])
-            return 0 if inside else run
-    return 0
-
-
-def _run_of_a_clock(right: Sequence[NamedTime], place: int, interval: float) -> int:
-    """Return how many files from a place on are of a clock that jumped and came back by as much, or 0.
-
-    What it counted itself leaves the two steps there and back; one of them leads back in time, which none does.
-    """
-    before, first = right[place - 1].time, right[place].time
-    for end in range(place + 1, len(right)):
-        step = right[end].time - right[end - 1].time
-        if 0.0 < step <= _ODD_INTERVALS * interval:
-            continue
-        slack = right[end].time - before - (right[end - 1].time - first)
-        if 0.0 < slack <= 2.0 * _MAX_SHARE * interval and (step <= 0.0 or first <= before):
-            run, off = end - place, abs(first - before - 0.5 * slack)
-            is_summer = abs(off - _SUMMER_S) <= interval and right[end - 1].time - first > _ERA_S
-            # A clock that is right less than half of the time is set, not wrong for a while.
-            return 0 if is_summer or 2 * run > len(right) else run
-        if step <= 0.0:
-            return 0
-    return 0
 
 
 def _latest_after(segment: Sequence[NamedTime]) -> float:
@@ -403,7 +349,7 @@ def _times(
 ) -> list[tuple[float, float]]:
     """Return time and uncertainty of the files of a run, s, from its neighbours and the interval of the others, s."""
     own = [one.time - run[0].time for one in run]
-    steady = all(0.0 < b - a <= max(_ODD_INTERVALS * interval, _DAY) for a, b in itertools.pairwise(own))
+    steady = all(0.0 < b - a <= max(10.0 * interval, _DAY) for a, b in itertools.pairwise(own))
     if before is not None and after is not None:
         slack = after - before - own[-1]
         if steady and slack > 0.0:
@@ -419,29 +365,3 @@ def _times(
     # Nothing says how long before the others they were.
     end = (after or 0.0) - interval - own[-1]
     return [(end + offset, interval + own[-1] - offset) for offset in own]
-
-
-class Steps:
-    """Tells from file to file in order whether a start is odd, once."""
-
-    def __init__(self, *, looked: bool) -> None:
-        """Begin before the first file, or behind others; not ``looked``: those are known to have had a wrong clock."""
-        self._last: float | None = None
-        self._interval: float | None = None
-        self._is_due, self._done = not looked, False
-
-    def is_odd(self, result: object) -> bool:
-        """Return whether the start of what was loaded is missing, or does not go on from that before, the first time.
-
-        A short pause is of no interest, as of a clock that is as often ahead by as little.
-        """
-        if self._done or not isinstance(result, Samples) or result.stated is None or result.stated.source in _NOT_STATED:
-            return False
-        start, last = result.start, self._last
-        odd = self._is_due or start is None or not result.stated.is_stated
-        if start is not None and last is not None and not odd:
-            step = start - last
-            odd = step <= 0.0 or (self._interval is not None and step > _ODD_INTERVALS * self._interval)
-            self._interval = step if self._interval is None else min(step, self._interval)
-        self._last, self._done = start, odd
-        return odd

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from copy import copy
 from dataclasses import replace
 
-from streams.dates.dater import UndatedError
+from streams.dates.order import UndatedError
 from streams.files.datasets import FileFacts
 from streams.files.load import Loader, cutter_of, renamed
 from streams.files.parse.riff import is_open_wav
@@ -249,7 +249,7 @@ class Intake:
 
     def _reject(self, entry: FileEntry, raw: Raw | None, facts: FileFacts, error: ReaderError) -> None:
         self._deliver_batch()
-        if self._loader.dater is not None and self._loader.dater.forget(entry.path):
+        if self._loader.dater is not None and self._loader.dater.order.forget(entry.path):
             self._retry_undated()
         if self._latest_order is None or entry.order >= self._latest_order:
             # Samples are not joined across a file that could not be read, unless later ones were taken already.

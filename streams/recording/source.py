@@ -6,9 +6,10 @@ import contextlib
 import itertools
 from collections.abc import Iterable, Iterator
 
-from streams.dates.dater import Dater, UndatedError
+from streams.dates.dater import Dater
 from streams.dates.dating import Dating
-from streams.dates.places import Steps
+from streams.dates.excursions import Steps
+from streams.dates.order import UndatedError
 from streams.files.container import Files, Item, hash_of_file, open_files
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.groups import check_names, not_read
@@ -24,6 +25,7 @@ from streams.types.samples import Origin, ReaderError, Samples
 from streams.types.source import MAX_IGNORED_NAMES, Backlog
 from streams.types.spec import SourceError, SourceSpec
 from streams.types.stamps import date_folders
+
 
 class Recording:
     """The blocks of a recording, equal to those of a folder with the same files.
@@ -134,7 +136,7 @@ class Recording:
                     continue
                 except UndatedError as error:
                     failed[item.path] = error
-        wrong = dater.conflicts or (tuple(failed) if dater.choice.order is None else ())
+        wrong = dater.order.conflicts or (tuple(failed) if dater.choice.order is None else ())
         if wrong:
             raise self._undated(failed[wrong[0]])
 

@@ -76,7 +76,7 @@ _DATE_FOLDERS = re.compile(
     r"(?:(?:19|20)\d\d(?:/(?:0[1-9]|1[0-2])(?:/(?:0[1-9]|[12]\d|3[01])(?:/[0-2]\d(?:/[0-5]\d)?)?)?)?"
     r"|(?:(?:19|20)\d\d[-_.]?\d\d[-_.]?\d\d|\d\d?[-_.]\d\d?[-_.](?:19|20)\d\d)(?:[-_. T]?[\d\-_.:hZ]*)(?:/\d\d){0,2})"
 )
-"""Folders that hold nothing but a date: year, month, day, hour and minute one below the other, or a date as the name."""
+"""Folders that hold nothing but a date: year to minute, one below the other, or a date as the name."""
 _MAX_DATE_FOLDERS = 5
 
 _DIRECTIVES = {

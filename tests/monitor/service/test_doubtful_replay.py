@@ -111,7 +111,7 @@ CASES = {
         TENS,
         {2, 3},
         ["2026-03-28T12:00:00Z", "2026-03-28T12:10:00Z", "1970-01-01T00:00:09Z", "1970-01-01T00:10:09Z", TENS[4]],
-        sources={"header", "order"},
+        sources={"header", "between"},
     ),
     "headers behind by 1024 weeks": Files(
         numbered(5), TENS, {2, 3, 4}, [*TENS[:2], *(moved(time, -619315200.0) for time in TENS[2:])],
