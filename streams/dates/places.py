@@ -272,7 +272,7 @@ def _wrong(ordered: Sequence[NamedTime], latest: float | None = None) -> set[str
             if segments[i][-1].time < segment[0].time <= _latest_after(segments[i])
         ]
         weight, link = max(before, default=(0.0, None))
-        best.append((weight + _weight(segment, latest), link))
+        best.append((weight + _weight(segment), link))
     chosen: set[int] = set()
     # Of two that weigh the same the later one: clocks are set sooner than they are lost.
     place: int | None = max(range(len(best)), key=lambda i: (best[i][0], i))
@@ -283,29 +283,27 @@ def _wrong(ordered: Sequence[NamedTime], latest: float | None = None) -> set[str
 
 
 def _without_ahead(segments: Sequence[list[NamedTime]], latest: float | None) -> tuple[list[list[NamedTime]], set[str]]:
-    """Return the segments without those that were ahead, and the files of these: the next goes on from the one before.
+    """Return the segments without those that were ahead, and the files of these.
 
-    No clock is set back to where it was; one that begins again is not one that was right before.
+    They are later than the present, or the next one goes on from the one before: no clock is set back to where it was,
+    but one that begins again.
     """
-    kept: list[list[NamedTime]] = [segments[0]]
-    out: set[str] = set()
-    for place in range(1, len(segments)):
-        segment, before = segments[place], kept[-1]
-        after = segments[place + 1] if place + 1 < len(segments) else None
-        if after is not None and before[-1].time < after[0].time < segment[0].time:
-            around = _weight(before, latest) + _weight(after, latest)
-            if around >= 0.5 * len(segment) and not is_reset(before[0].time) and not is_reset(after[0].time):
-                out |= {one.path for one in segment}
-                continue
-        kept.append(segment)
-    return kept, out
+    past = [one for one in segments if latest is None or one[-1].time <= latest] or list(segments)
+    kept = past[:1]
+    for segment, after in itertools.zip_longest(past[1:], past[2:]):
+        before = kept[-1]
+        around = 0.0
+        if after is not None and before[-1].time < after[0].time < segment[0].time and not is_reset(after[0].time):
+            around = _weight(before) + _weight(after)
+        if not around or around < 0.5 * len(segment) or is_reset(before[0].time):
+            kept.append(segment)
+    paths = {one.path for segment in kept for one in segment}
+    return kept, {one.path for segment in segments for one in segment} - paths
 
 
-def _weight(segment: Sequence[NamedTime], latest: float | None) -> float:
-    """Return how much the files of one setting of a clock count: next to nothing where it cannot be right."""
-    first = segment[0].time
-    is_wrong = first < MIN_TIME or is_reset(first) or (latest is not None and segment[-1].time > latest)
-    return len(segment) * (1e-3 if is_wrong else 1.0)
+def _weight(segment: Sequence[NamedTime]) -> float:
+    """Return how much the files of one setting of a clock count: next to nothing where it has begun again."""
+    return len(segment) * (1.0 if segment[0].time >= MIN_TIME and not is_reset(segment[0].time) else 1e-3)
 
 
 def _latest_after(segment: Sequence[NamedTime]) -> float:

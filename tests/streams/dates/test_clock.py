@@ -235,3 +235,89 @@ def test_a_name_that_contradicts_the_header_is_said_once(tmp_path: Path) -> None
     assert len([item for item in source if isinstance(item, Block)]) == 2
     (said,) = [words for words in source.remarks if "x_20230501" in words]
     assert "its header states 2024-05-01T12:00:00Z, its name 2023-05-01T12:00:00Z" in said
+
+
+@pytest.mark.parametrize("ahead", [20 * DAY, YEAR])
+@pytest.mark.parametrize("count", [2, 5, 40])
+def test_a_clock_that_comes_back_says_that_the_blocks_before_were_ahead(ahead: float, count: int) -> None:
+    right = steps(T0, 60)
+    stated = [t + ahead if 8 <= k < 8 + count else t for k, t in enumerate(right)]
+    _, found = judged(stated)
+    back = found[8 + count]
+    assert (back.time, back.stated) == (right[8 + count], None)
+    assert f"the {count} blocks before were ahead" in back.doubt
+    assert back.advance == STEP
+    assert [one.time for one in found[8 + count :]] == right[8 + count :]
+    assert not any(one.doubt for one in found[9 + count :])
+
+
+def test_a_pause_and_a_clock_that_falls_back_to_its_end_are_no_run_that_was_ahead() -> None:
+    stated = [*steps(T0, 6), *steps(T0 + 5 * DAY, 6), *steps(T0 + 5 * DAY - HOUR, 3)]
+    _, found = judged(stated)
+    assert [bool(one.doubt) for one in found] == [k == 12 for k in range(15)]
+    assert "were ahead" not in found[12].doubt
+
+
+@pytest.mark.parametrize("source", ["header", "name", "count"])
+def test_nothing_recorded_is_later_than_the_present(source: TimeSource) -> None:
+    stated = [*GOOD[:4], *steps(T0 + YEAR, 3), *GOOD[7:]]
+    state, found = ClockState(), []
+    for time in stated:
+        seen = TimeObservation(time, 10.0, statement=TimeStatement(source, 1.0))
+        state, one = judge_time(state, seen, latest=GOOD[-1] + DAY)
+        found.append(one)
+    doubted = [k for k, one in enumerate(found) if "ahead of the present" in one.doubt]
+    # What the configuration counts may lie ahead.
+    assert doubted == ([] if source == "count" else [4, 5, 6])
+    if source != "count":
+        assert [one.time for one in found] == GOOD
+
+
+def test_a_file_is_not_changed_last_before_it_begins() -> None:
+    statements = [TimeStatement("header", 1.0, witnesses=(("mtime", lag),)) for lag in (10.0, 11.0, -3 * DAY, 10.0)]
+    _, found = judged([*GOOD[:2], GOOD[2] + 3 * DAY, GOOD[3]], statements=statements)
+    assert [bool(one.doubt) for one in found] == [False, False, True, False]
+    assert "after its last change" in found[2].doubt
+    assert found[2].time == pytest.approx(GOOD[2], abs=20.0)
+    # A copy keeps no time, and a computer whose clock was never set dates nothing.
+    never_set = at(2000, 1, 1) - T0
+    for lag in (400 * DAY, never_set):
+        copied = [TimeStatement("header", 1.0, witnesses=(("mtime", lag - t + T0),)) for t in GOOD]
+        assert not any(one.doubt for one in judged(GOOD, statements=copied)[1])
+
+
+def undated(*witnesses: tuple[TimeSource, float]) -> TimeObservation:
+    return TimeObservation(0.0, 10.0, statement=TimeStatement("order", is_stated=False, witnesses=witnesses))
+
+
+def test_a_block_without_a_date_is_estimated_and_doubted() -> None:
+    state, found = ClockState(), []
+    for time in GOOD[:4]:
+        state, _ = judge_time(state, TimeObservation(time, 10.0))
+    for seen in (undated(), undated(), TimeObservation(GOOD[6], 10.0)):
+        state, one = judge_time(state, seen)
+        found.append(one)
+    assert [one.time for one in found] == GOOD[4:7]
+    assert [one.source for one in found] == ["order", "order", "source"]
+    assert [one.uncertainty for one in found] == [STEP, 2 * STEP, 1.0]
+    assert [bool(one.doubt) for one in found] == [True, True, False]
+    assert [one.holds for one in found] == [False, False, True]
+
+
+def test_the_last_change_dates_a_block_without_a_date_where_it_went_with_the_clock() -> None:
+    state = ClockState()
+    for time in GOOD[:4]:
+        seen = TimeObservation(time, 10.0, statement=TimeStatement("header", 1.0, witnesses=(("mtime", 30.0),)))
+        state, _ = judge_time(state, seen)
+    _, one = judge_time(state, undated(("mtime", GOOD[4] + 95.0)))
+    assert (one.time, one.source) == (GOOD[4] + 65.0, "mtime")
+    assert one.doubt
+
+
+def test_seconds_among_dates_are_no_dates_and_dates_after_seconds_are() -> None:
+    state, found = ClockState(), []
+    for time, dated in ((0.0, False), (600.0, False), (T0, True), (T0 + STEP, True), (2400.0, False), (GOOD[3], True)):
+        state, one = judge_time(state, TimeObservation(time, 10.0, dated))
+        found.append(one)
+    assert [one.time for one in found] == [0.0, 600.0, *GOOD[:2], GOOD[2], GOOD[3]]
+    assert [bool(one.doubt) for one in found] == [False, False, False, False, True, False]
