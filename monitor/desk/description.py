@@ -14,7 +14,7 @@ from streams.files.container import first_of
 from streams.files.foreign import HEAD_BYTES, seen_in
 from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown
-from streams.types.stamps import stamp_in_name, utc_text
+from streams.types.stamps import day_in_folders, stamp_in_name, utc_text
 
 STATED, ANSWERED, ASSUMED, OPEN = "stated", "answered", "assumed", "open"
 """Where a reading comes from: the files, an answer, the default of a question; or it is still open."""
@@ -240,7 +240,10 @@ def dates_of(desk: ImportDesk, limit: int = 200) -> tuple[FileDate, ...]:
             return None
         if ends.get(path) is not None:
             return ends[path]
-        stamp = None if seen.start is not None else stamp_in_name(path, desk.timezone, pattern)
+        full = seen.in_folders(path)
+        stamp = None if seen.start is not None else stamp_in_name(full, desk.timezone, pattern)
+        if stamp is None and seen.start is None and not seen.is_folder:
+            stamp = day_in_folders(full, desk.timezone)
         return None if stamp is None else stamp.fixed if order is None else stamp.at(order)
 
     return tuple(FileDate(seen.paths[at], found(at)) for at in places)
@@ -255,7 +258,7 @@ def date_words(seen: Survey, timezone: str, now: float) -> str:
         return f"{utc_text(seen.start)} in the header of {shown(seen.first)}{zone}"
     if seen.stamp is not None:
         return f"{seen.stamp!r} in the header of {shown(seen.first)}{zone}"
-    stamp = stamp_in_name(seen.first, timezone)
+    stamp = stamp_in_name(seen.in_folders(seen.first), timezone)
     if stamp is not None:
         return f"{stamp.text!r} in the name of {shown(seen.first)}{zone}"
     readings = name_readings(seen, timezone, now)

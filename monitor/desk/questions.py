@@ -281,9 +281,10 @@ def name_readings(survey: Survey, zone: str, now: float) -> list[NameReading]:
     """Return the ways to read a date in all names where none of the usual ones is there."""
     if not survey.data_set.plain or survey.start is not None or survey.stamp is not None:
         return []
-    if all(stamp_in_name(path, zone) is not None for path in survey.paths[:50]):
+    paths = [survey.in_folders(path) for path in survey.paths]
+    if all(stamp_in_name(path, zone) is not None for path in paths[:50]):
         return []
-    return nearest_change(find_readings(survey.paths, zone, now + _DAY), survey.changed[0])
+    return nearest_change(find_readings(paths, zone, now + _DAY), survey.changed[0])
 
 
 def _date_questions(survey: Survey, answers: Answers, zone: str, now: float, last_problem: str) -> Iterator[Question]:
@@ -294,7 +295,7 @@ def _date_questions(survey: Survey, answers: Answers, zone: str, now: float, las
         return
     if survey.stamp is not None or answers.time_name is not None:
         return
-    stamps = [stamp_in_name(path, zone) for path in survey.paths[:50]]
+    stamps = [stamp_in_name(survey.in_folders(path), zone) for path in survey.paths[:50]]
     if all(stamp is not None for stamp in stamps):
         decided = evidence(
             (path, stamp) for path, stamp in zip(survey.paths, stamps, strict=False) if stamp is not None
@@ -317,7 +318,7 @@ def _order_question(survey: Survey, zone: str) -> Question:
 
         stamp = read_stamp(survey.stamp, zone)
     else:
-        stamp = stamp_in_name(survey.first, zone)
+        stamp = stamp_in_name(survey.in_folders(survey.first), zone)
     ways = (
         ""
         if stamp is None
@@ -382,7 +383,8 @@ def period_of(survey: Survey, answers: Answers, pattern: str | None, zone: str) 
         return answers.interval_s
     begin, end = survey.starts
     if begin is None or end is None:
-        stamps = [stamp_in_name(path, zone, pattern) for path in (survey.paths[0], survey.paths[-1])]
+        ends = [survey.in_folders(path) for path in (survey.paths[0], survey.paths[-1])]
+        stamps = [stamp_in_name(path, zone, pattern) for path in ends]
         begin, end = (None if stamp is None else stamp.day_first for stamp in stamps)
     if begin is None or end is None or end <= begin or len(survey.paths) < 2:
         return None

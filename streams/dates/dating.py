@@ -195,6 +195,8 @@ _NEAR = 32 * _DAY
 _WIDTHS = {"Y": r"(?:19|20)\d\d", "y": r"\d\d", "m": r"[01]\d", "d": r"[0-3]\d", "j": r"[0-3]\d\d", "b": r"[A-Za-z]{3}"}
 _ORDERS = ("Ymd", "dmY", "mdY", "ymd", "dmy", "mdy", "dbY", "bdY", "dby", "Yj")
 _SEPARATORS = ("", "-", "_", ".", " ", "/")
+_SHORT = ("%y%m%d", "%d%m%y", "%m%d%y")
+_SIX_DIGITS = re.compile(r"(?<!\d)(?:[01]\d|2[0-3])[0-5]\d[0-5]\d(?!\d)")
 _CLOCK = re.compile(r"([-_. T/]{0,2})([0-2]\d)([-_.:h ]?)([0-5]\d)(?:\3([0-5]\d))?(?!\d)")
 
 
@@ -206,20 +208,23 @@ class NameReading:
         pattern: that of ``time_name``.
         first: time of the first file in the order given, s since 1970 UTC.
         has_clock: whether the time of day is stated too.
+        is_open: whether all names may state a time of day instead, as 081500 does.
     """
 
     pattern: str
     first: float
     has_clock: bool
+    is_open: bool = False
 
 
 def nearest_change(readings: Sequence[NameReading], changed: float | None) -> list[NameReading]:
     """Return the one reading that is near the last change of the first file, else all.
 
-    A file is closed when its recording ends; one that was copied without its time is near none.
+    A file is closed when its recording ends; one that was copied without its time is near none. What may be no date is
+    one only there.
     """
     near = [reading for reading in readings if changed is not None and -_DAY <= changed - reading.first <= _NEAR]
-    return near if len(near) == 1 else list(readings)
+    return near if len(near) == 1 else [reading for reading in readings if not reading.is_open]
 
 
 def find_readings(paths: Sequence[str], zone: str, latest: float) -> list[NameReading]:
@@ -240,7 +245,8 @@ def find_readings(paths: Sequence[str], zone: str, latest: float) -> list[NameRe
         times = _times(names, zone, pattern)
         if not times or not all(_EARLIEST <= time <= latest for time in times) or len(set(times)) < len(times):
             continue
-        found.setdefault(times, NameReading(pattern, times[0], has_clock))
+        is_open = not has_clock and all(_SIX_DIGITS.search(name.rpartition("/")[2]) for name in names)
+        found.setdefault(times, NameReading(pattern, times[0], has_clock, is_open and pattern in _SHORT))
     clocked = [reading for reading in found.values() if reading.has_clock]
     return clocked or list(found.values())
 

@@ -28,7 +28,7 @@ from streams.turns.tacho import TachoRow, is_called_tacho, tacho_row
 from streams.types.listing import natural_key, shown
 from streams.types.samples import ReaderError, Samples
 from streams.types.spec import UNITS, ChannelSpec, SourceError, SourceSpec
-from streams.types.stamps import epoch_seconds
+from streams.types.stamps import date_folders, epoch_seconds
 
 _MAX_TRIED = 5
 """Files that are tried from each end until one can be read."""
@@ -126,6 +126,11 @@ class Survey:
     def is_folder(self) -> bool:
         """Whether files may follow."""
         return self.place.is_dir()
+
+    def in_folders(self, path: str) -> str:
+        """Return the path of a file behind the folders above the recording that hold nothing but a date."""
+        above = date_folders(str(self.place if self.is_folder else self.place.parent))
+        return f"{above}/{path}" if above else path
 
     @property
     def start(self) -> float | None:

@@ -9,7 +9,17 @@ MIN_TIME = 347155200.0
 """1981-01-01 UTC, s: earlier times are of a clock that was never set (epochs of Unix, of FAT and of GPS)."""
 
 TimeSource = Literal[
-    "header", "header_local", "name", "name_local", "count", "mtime", "frame", "source", "order", "between", "rollover",
+    "header",
+    "header_local",
+    "name",
+    "name_local",
+    "count",
+    "mtime",
+    "frame",
+    "source",
+    "order",
+    "between",
+    "rollover",
     "folder",
 ]
 TIME_SOURCES: tuple[TimeSource, ...] = get_args(TimeSource)
