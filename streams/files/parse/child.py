@@ -152,7 +152,8 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             if latest is not None and latest[:4] == (function, data, name, arguments):
                 self._latest = latest
                 return latest[4]
-            disk = None
+            # Its memory serves the next one.
+            latest = disk = None
             if len(data) >= _MIN_DISK_BYTES:
                 # A file whose samples need the temporary folder fails in the child, with the reason.
                 with suppress(OSError):
