@@ -117,6 +117,8 @@ def _facts(desk: ImportDesk) -> Iterator[FactReading]:
     seen, answers = desk.seen, desk.answers
     yield FactReading("format", "Format", seen.data_set.name, STATED, shown(seen.first))
     ends = shown(seen.first) if seen.first == seen.last else f"{shown(seen.first)} to {shown(seen.last)}"
+    if (several := len(seen.values.recordings)) > 1:
+        ends += f", {several} recordings in {shown(seen.first)}"
     yield FactReading("files", "Files", str(len(seen.paths)), STATED, ends)
     if seen.ignored:
         yield FactReading(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
@@ -320,7 +321,11 @@ def _row_of(samples: Samples, channel: ChannelSpec, where: str) -> int:
     both = list(zip(samples.names, samples.channels, strict=True))
     if channel.key is not None:
         wanted = f"key {channel.key!r}"
-        found = [i for i, names in enumerate(both) if any(fnmatchcase(name, channel.key) for name in names)]
+        keys = [channel.key]
+        if samples.following or samples.number > 1:
+            # The rows of recordings are named without their groups.
+            keys.append(re.split(r"[/.]", channel.key)[-1])
+        found = [i for i, names in enumerate(both) if any(fnmatchcase(name, key) for name in names for key in keys)]
     elif isinstance(channel.column, int):
         wanted = f"column {channel.column}"
         found = [i for i, column in enumerate(samples.columns) if column == channel.column]

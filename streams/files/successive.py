@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from streams.files.judge import Start, StatedRow, starts_of
+from streams.files.statements import Facts
 from streams.types.samples import ReaderError, Samples, one_after_another
-from streams.types.stamps import repeated_by, resolution_of, utc_text
+from streams.types.stamps import repeated_by, resolution_of, stamp_in_name, utc_text
 
 MAX_RECORDINGS = 10_000
 """Recordings that one file may hold."""
+_SAME_START_S = 1.0
+"""Groups whose starts are not farther apart, and which overlap, may be sensors."""
+_NAMED = "starttime#by the name of its group"
 HOW_TO_SPLIT = "write each of its recordings to a file of its own"
 
 
@@ -60,3 +65,58 @@ def check_order(parts: Sequence[tuple[str, Samples]], told: str, zone: str) -> N
                 f"{told}; {place} begins {utc_text(start)}, before {before} ends {utc_text(end)}: sensors recorded at "
                 f"the same time, or a clock that was set back; {HOW_TO_SPLIT}",
             )
+
+
+def recordings_of(
+    rows: Sequence[StatedRow],
+    name: str,
+    zone: str,
+    read: Callable[[Sequence[StatedRow]], Samples],
+    *,
+    parted: Callable[[StatedRow], tuple[str, str]],
+    dated: Callable[[Facts, str], list[Start]] = starts_of,
+    kind: str = "group",
+) -> Samples | None:
+    """Return the groups of a file as recordings where all hold the same channels and their starts differ, else None.
+
+    Args:
+        rows: of the file.
+        name: of the file in messages.
+        zone: IANA name of the zone of stamps that name none.
+        read: gives the samples of the rows of a group.
+        parted: gives the group of a row, and its name in it.
+        dated: gives what is stated of a row of the time of the first sample.
+        kind: of the groups in messages.
+
+    Raises:
+        ReaderError: as ``read``, and as :func:`successive`.
+    """
+    groups: dict[str, list[StatedRow]] = {}
+    for row in rows:
+        title, short = parted(row)
+        groups.setdefault(title, []).append(replace(row, name=short, short=short))
+    shorts = {tuple(sorted(row.name for row in group)) for group in groups.values()}
+    if len(groups) < 2 or len(shorts) > 1 or len(groups) > MAX_RECORDINGS:
+        return None
+    order = {row.name: place for place, row in enumerate(next(iter(groups.values())))}
+    starts: dict[str, float] = {}
+    for title, group in groups.items():
+        group.sort(key=lambda row: order[row.name])
+        stated = [start.stamp for row in group for start in dated(row.facts, zone)]
+        named = stamp_in_name(title, zone) if not stated else None
+        if named is not None and named.fixed is not None:
+            stated = [named]
+            groups[title] = [replace(row, facts={**row.facts, _NAMED: utc_text(named.fixed)}) for row in group]
+        if not stated or stated[0].fixed is None:
+            return None
+        starts[title] = stated[0].fixed
+    apart = max(starts.values()) - min(starts.values())
+    if not apart:
+        return None
+    titles = sorted(starts, key=lambda title: starts[title])
+    try:
+        return successive([(f"{kind} {title}", read(groups[title])) for title in titles], name, zone)
+    except ReaderError:
+        if apart > _SAME_START_S:
+            raise
+        return None

@@ -20,6 +20,7 @@ _MAX_TEXT = 64
 _WITH_MONTH_NAME = (
     *("%d-%b-%y %H:%M:%S", "%d-%b-%Y %H:%M:%S", "%d %b %Y %H:%M:%S", "%b %d, %Y %H:%M:%S"),
     *("%a %b %d %H:%M:%S %Y", "%d %B %Y %H:%M:%S", "%d-%b-%Y %H:%M:%S.%f", "%d %b %Y %H:%M:%S.%f"),
+    "%d-%b-%y %H:%M:%S.%f",
     *("%d-%b-%Y %H:%M:%S%z", "%d %b %Y %H:%M:%S%z", "%b %d, %Y %I:%M:%S %p", "%d-%b-%Y %I:%M:%S %p"),
 )
 _DATE = r"(?P<a>\d{1,4})(?P<sep>[-/.])\s?(?P<b>\d{1,2})(?P=sep)\s?(?P<c>\d{4}|\d{1,2})"

@@ -1,13 +1,21 @@
-"""Texts of several recordings, written as their programs do, without any code of the readers."""
+"""Files of several recordings, written as their programs do, without any code of the readers."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import Any
 
+import h5py
+import nptdms
 import numpy as np
+import scipy.io
 from numpy.typing import NDArray
+
+from tests.streams.format_makers import uff_bytes
+from tests.streams.table_makers import Row, workbook
 
 RATE = 1000.0
 NOON = datetime(2026, 1, 1, 12, tzinfo=UTC).timestamp()
@@ -86,3 +94,76 @@ def stamped_csv(parts: Sequence[Part], names: Sequence[str] = ("acc",)) -> bytes
 
 TEXTS = {"lvm": (lvm, "lvm"), "csv": (csv, "csv"), "stamped": (stamped_csv, "csv")}
 """Maker and ending by layout."""
+
+
+def tdms(parts: Sequence[Part], names: Sequence[str] = ("acc",), *, groups: Sequence[str] = ()) -> bytes:
+    """A group for each recording; named by ``groups``, else counted."""
+    stream = io.BytesIO()
+    with nptdms.TdmsWriter(stream) as writer:
+        for number, part in enumerate(parts):
+            title = groups[number] if groups else f"Run {number + 1}"
+            facts: dict[str, Any] = {"wf_increment": 1.0 / part.rate, "unit_string": part.unit}
+            if not groups:
+                facts["wf_start_time"] = np.datetime64(round(part.start * 1e6), "us")
+            writer.write_segment([
+                nptdms.ChannelObject(title, name, values, facts)
+                for name, values in zip(names, part.values, strict=True)
+            ])  # fmt: skip
+    return stream.getvalue()
+
+
+def hdf5(parts: Sequence[Part], names: Sequence[str] = ("acc",), *, groups: Sequence[str] = ()) -> bytes:
+    stream = io.BytesIO()
+    with h5py.File(stream, "w") as file:
+        for number, part in enumerate(parts):
+            group = file.create_group(groups[number] if groups else f"run{number + 1}")
+            group.attrs["sampling_rate"] = part.rate
+            if not groups:
+                group.attrs["start_time"] = "T".join(_clock(part.start, "%Y-%m-%d")) + "Z"
+            for name, values in zip(names, part.values, strict=True):
+                group[name] = values
+                group[name].attrs["units"] = part.unit
+    return stream.getvalue()
+
+
+def mat(parts: Sequence[Part], names: Sequence[str] = ("acc",)) -> bytes:
+    """A structure for each recording; a single one is variables."""
+    stream = io.BytesIO()
+    values = {
+        f"run{number}": {
+            "fs": part.rate, "unit": part.unit, "t0": " ".join(_clock(part.start, "%Y-%m-%d")),
+            **dict(zip(names, part.values, strict=True)),
+        }
+        for number, part in enumerate(parts, 1)
+    }  # fmt: skip
+    scipy.io.savemat(stream, values if len(parts) > 1 else values["run1"])
+    return stream.getvalue()
+
+
+def uff(parts: Sequence[Part], names: Sequence[str] = ("acc",)) -> bytes:
+    """The sets of data set 58 one after another, with the nodes of the channels in each recording again."""
+    whole = b""
+    for part in parts:
+        text = uff_bytes(part.values, part.rate, part.unit)
+        day, clock = _clock(part.start, "%d-%b-%y")
+        text = text.replace(b"01-May-24 12:00:00".ljust(80), f"{day} {clock}".ljust(80).encode())
+        for number, name in enumerate(names, 1):
+            text = text.replace(f"acc_{number}".ljust(80).encode(), name.ljust(80).encode())
+        whole += text
+    return whole
+
+
+def xlsx(parts: Sequence[Part], names: Sequence[str] = ("acc",)) -> bytes:
+    """A sheet for each recording, with a head of its own."""
+    sheets: dict[str, list[Row]] = {}
+    for number, part in enumerate(parts, 1):
+        head: list[Row] = [["Start", "T".join(_clock(part.start, "%Y-%m-%d")) + "Z"], ["Rate", f"{part.rate:g} Hz"]]
+        rows: list[Row] = [[float(value) for value in row] for row in part.values.T]
+        sheets[f"Run {number}"] = [*head, [f"{name} [{part.unit}]" for name in names], *rows]
+    return workbook(sheets)
+
+
+FILES = {
+    "tdms": (tdms, "tdms"), "hdf5": (hdf5, "h5"), "mat": (mat, "mat"), "uff": (uff, "uff"), "xlsx": (xlsx, "xlsx"),
+}  # fmt: skip
+"""Maker and ending of files whose groups, sets or sheets are recordings."""

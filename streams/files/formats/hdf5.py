@@ -22,6 +22,7 @@ from streams.files.parse.complete import hdf5_size
 from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
 from streams.files.statements import STORED, Facts, nearest
+from streams.files.successive import recordings_of
 from streams.types import large
 from streams.types.large import Data, FileBytes, array_on_disk, forget_pages, longest_axis, parts_along
 from streams.types.samples import DIGITAL, ReaderError, Samples, check_rows, may_be_rows, rows_of
@@ -68,7 +69,7 @@ def read_hdf5(
     so on.
 
     Args:
-        patterns: of the paths of the wanted data sets, such as ``run1/acc*``; none: all.
+        patterns: of the paths of the wanted data sets, such as ``run1/acc*``, or of their names in groups; none: all.
         zone: IANA name of the zone of stamps that name none.
         pulses: pattern of the path of the times of pulses; see :mod:`.pulse_times`.
         wanted, slow: see :func:`streams.files.lengths.of_one_length`.
@@ -83,7 +84,7 @@ def read_hdf5(
         found: list[Found] = []
         vectors: list[Found] = []
         marks: list[Found] = []
-        for item in walk(file, name, sought(patterns, pulses)):
+        for item in _walked(file, name, patterns, pulses):
             if matches_pulses(pulses, item.path, item.path.rpartition("/")[0]):
                 marks.append(item)
                 continue
@@ -101,13 +102,24 @@ def read_hdf5(
             budget.add_rows(len(arrays[-1][1]))
         held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
         none = f"no vector matches {', '.join(patterns) or '*'}; {held}"
-        samples = join_arrays(arrays, name, zone, none, wanted, slow, disregard)
+        separator = "/" if pulses is None else ""
+        samples = join_arrays(arrays, name, zone, none, wanted, slow, disregard, separator)
         tacho = None if pulses is None else only_one(marks, pulses, name)
         if tacho is None:
             return samples
         own, where = own_facts(tacho.own, tacho.facts), f"{name}: data set {tacho.path}"
         times = load_unpacked(replace(tacho, facts=tacho.own), name, budget)[0]
         return with_pulses(samples, times, own, zone, where, stated_start(tacho.own, zone, where))
+
+
+def _walked(file: Any, name: str, patterns: Sequence[str], pulses: str | None) -> Iterator[Found]:
+    """Yield the data sets that match; where none does, those in groups, as recordings are."""
+    none = True
+    for item in walk(file, name, sought(patterns, pulses)):
+        none = False
+        yield item
+    if none and patterns:
+        yield from walk(file, name, sought([f"*/{pattern}" for pattern in patterns], pulses))
 
 
 class Budget:
@@ -137,12 +149,14 @@ def join_arrays(
     wanted: Sequence[str] = (),
     slow: Sequence[str] = (),
     disregard: Sequence[str] = (),
+    separator: str = "",
 ) -> Samples:
     """Join arrays of shape (row, sample), with their names and what is stated of each.
 
     A row is named as its array, ``NAME_1`` and so on where it has several. ``zone`` is the IANA name of the zone of
     stamps that name none, ``none`` the reason to give where there is no array, ``disregard`` names the keys that are
-    not believed; ``wanted`` and ``slow`` as in :func:`streams.files.lengths.of_one_length`.
+    not believed; ``wanted`` and ``slow`` as in :func:`streams.files.lengths.of_one_length`; ``separator`` divides the
+    name of a group that may be a recording from those of its arrays, "" where none can be.
 
     Raises:
         ReaderError: ``wrong_shape`` without rows or for different lengths, ``wrong_rate`` for different rates.
@@ -159,8 +173,18 @@ def join_arrays(
         rows += [
             StatedRow(values, row, row.rpartition("/")[2], stated) for row, values in zip(names, array, strict=True)
         ]
-    rows, beside = of_one_length(rows, wanted, slow, name, "vectors", max_listed=_MAX_LISTED)
-    return with_beside(judged(rows, name, "vectors", zone, max_listed=_MAX_LISTED, disregard=disregard), beside)
+
+    def joined(some: Sequence[StatedRow]) -> Samples:
+        kept, beside = of_one_length(some, wanted, slow, name, "vectors", max_listed=_MAX_LISTED)
+        of_rows = judged(kept, name, "vectors", zone, max_listed=_MAX_LISTED, disregard=disregard)
+        return with_beside(of_rows, beside)
+
+    def parted(row: StatedRow) -> tuple[str, str]:
+        group, _, short = row.name.rpartition(separator)
+        return group, short
+
+    several = recordings_of(rows, name, zone, joined, parted=parted) if separator else None
+    return joined(rows) if several is None else several
 
 
 @contextmanager

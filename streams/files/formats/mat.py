@@ -210,7 +210,11 @@ def read_mat(
     """
     if zone is None:
         return _joined(load_mat(data, name, patterns), data, name, patterns, {}, "UTC", wanted, slow)
-    stating = [key for key in mat_variables(data, name) if plain_key(key) in KEYS]
+    variables = mat_variables(data, name)
+    if not any(fnmatchcase(variable, _variable(pattern)) for variable in variables for pattern in patterns):
+        # Structures that are recordings hold them.
+        patterns = [f"*.{pattern}" for pattern in patterns]
+    stating = [key for key in variables if plain_key(key) in KEYS]
     parents = {pattern.rpartition(".")[0] for pattern in patterns if "." in pattern}
     parents |= {pulses.rpartition(".")[0] or pulses} if pulses is not None else set()
     asked = [*sought(patterns, pulses, "."), *stating, *(f"{parent}.*" for parent in parents)]
@@ -225,7 +229,8 @@ def read_mat(
         and any(fnmatchcase(key, pattern) for pattern in patterns)
     }
     facts = _stated(values)
-    samples = _joined(vectors, data, name, patterns, facts, zone, wanted, slow, disregard)
+    separator = "." if pulses is None else ""
+    samples = _joined(vectors, data, name, patterns, facts, zone, wanted, slow, disregard, separator)
     tacho = None if pulses is None else only_one(marks, pulses, name)
     if tacho is None:
         return samples
@@ -271,6 +276,7 @@ def _joined(
     wanted: Sequence[str] = (),
     slow: Sequence[str] = (),
     disregard: Sequence[str] = (),
+    separator: str = "",
 ) -> Samples:
     """Join the vectors; ``facts`` are stated by the structure of that name, those of "" for all."""
     arrays = [
@@ -286,4 +292,4 @@ def _joined(
     if not arrays:
         held = [f"{variable} {kind}{list(shape)}" for variable, (shape, kind) in mat_variables(data, name).items()]
     none = f"no vector matches {', '.join(patterns)}; it holds {', '.join(held[:12]) or 'no variable'}"
-    return join_arrays(arrays, name, zone, none, wanted, slow, disregard)
+    return join_arrays(arrays, name, zone, none, wanted, slow, disregard, separator)

@@ -19,6 +19,7 @@ from streams.files.lengths import of_one_length, with_beside
 from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, with_pulses
 from streams.files.statements import STORED, Facts, add_fact, nearest, plain_key
+from streams.files.successive import recordings_of
 from streams.types import large
 from streams.types.large import Data, contiguous, empty_rows, forget_pages, stream_of
 from streams.types.samples import ReaderError, Samples, check_rows, stored_as
@@ -87,17 +88,26 @@ def read_tdms(
         StatedRow(values, f"{group}/{title}", title, {**facts, STORED: stored_as(row.dtype)})
         for row, values, (group, title), facts in zip(rows, _exact(rows), titles, properties, strict=True)
     ]
-    stated, beside = of_one_length(stated, wanted, slow, name, "channels")
-    samples = judged(stated, name, "channels", zone, called=lambda row: row.short, dated=_dated, disregard=disregard)
-    samples = with_beside(samples, beside)
+
+    def joined(rows: Sequence[StatedRow]) -> Samples:
+        kept, beside = of_one_length(rows, wanted, slow, name, "channels")
+        of_rows = judged(kept, name, "channels", zone, called=lambda row: row.short, dated=_dated, disregard=disregard)
+        return with_beside(of_rows, beside)
+
     if pulses is None:
-        return samples
+        several = recordings_of(stated, name, zone, joined, parted=_parted, dated=_dated)
+        return joined(stated) if several is None else several
+    samples = joined(stated)
     title, times, facts = only_one(marks, pulses, name) or (None, None, None)
     if title is None or times is None or facts is None:
         return samples
     return with_pulses(
         samples, times, facts, zone, f"{name}: channel {title}", judge_start(_dated(facts, zone), name).value
     )
+
+
+def _parted(row: StatedRow) -> tuple[str, str]:
+    return row.name[: -len(row.short) - 1], row.short
 
 
 def _titles(channel: Any) -> tuple[str, str]:

@@ -12,6 +12,7 @@ import numpy as np
 from streams.files.judge import Start, StatedRow, judged
 from streams.files.parse.worker import from_disk, library, memory_file, readable
 from streams.files.statements import Facts, StatedNumber, known_unit
+from streams.files.successive import recordings_of
 from streams.files.time_column import UNITS_OF_TIME
 from streams.types.large import Data, FileBytes
 from streams.types.samples import ReaderError, Samples
@@ -149,10 +150,35 @@ def _described(functions: list[Function], si: bool, name: str, zone: str, disreg
         facts.append({"unit": unit, "id3": str(function.get("id3", "")), "begins": begins})
         titles.append(title)
         nodes.append(_node(function))
+
+    def joined(some: Sequence[StatedRow]) -> Samples:
+        return judged(some, name, "functions", zone, called=lambda row: row.name, dated=_dated, disregard=disregard)
+
+    times = [nodes[:place].count(node) + 1 for place, node in enumerate(nodes)]
+    of_node = [len({title for title, other in zip(titles, nodes, strict=True) if other == node}) for node in nodes]
+    repeated = [
+        StatedRow(values, f"{time}/{title if alike == 1 and title not in ('', 'NONE') else node}", node, stated, rate)
+        for values, time, title, alike, node, stated, rate in zip(
+            rows, times, titles, of_node, nodes, facts, rates, strict=True
+        )
+    ]
+    several = recordings_of(repeated, name, zone, joined, parted=_parted, dated=_dated, kind="set")
+    if several is not None:
+        return several
     names = [title if title and title != "NONE" and titles.count(title) == 1 else node
              for title, node in zip(titles, nodes, strict=True)]  # fmt: skip
-    stated = list(map(StatedRow, rows, names, nodes, facts, rates))
-    return judged(stated, name, "functions", zone, called=lambda row: row.name, dated=_dated, disregard=disregard)
+    if (again := next((title for title in names if names.count(title) > 1), None)) is not None:
+        raise ReaderError(
+            "wrong_shape",
+            f"{name}: {names.count(again)} functions are called {again}: sensors recorded at the same time need titles "
+            "of their own in ID line 1, recordings one after another a start of their own in ID line 3",
+        )
+    return joined(list(map(StatedRow, rows, names, nodes, facts, rates)))
+
+
+def _parted(row: StatedRow) -> tuple[str, str]:
+    time, _, title = row.name.partition("/")
+    return time, title
 
 
 def _size_of_abscissa(function: Function, where: str) -> float:

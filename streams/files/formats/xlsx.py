@@ -1,64 +1,24 @@
-"""Excel workbooks (.xlsx, .xlsm): a sheet becomes the text that Excel would export, and is read as such.
-
-Source: ECMA-376, Office Open XML, part 1, 18 (SpreadsheetML). Nothing is evaluated: of a formula the value that the
-workbook keeps counts. No document type, and so no entity, is accepted.
-"""
+"""Excel workbooks (.xlsx, .xlsm): a sheet becomes the text that Excel would export, and is read as such."""
 
 from __future__ import annotations
 
 import re
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
-from datetime import datetime, timedelta
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from fnmatch import fnmatchcase
-from typing import Any
-from xml.parsers import expat
+from functools import partial
 
-from streams.files.formats.numbers import is_number
 from streams.files.formats.text import read_layout
+from streams.files.formats.workbook import Sheet, sheets_of
 from streams.files.parse.worker import check_claim, from_disk, readable
+from streams.files.successive import successive
 from streams.types.large import Data, stream_of
-from streams.types.limits import MAX_ROWS
-from streams.types.samples import ReaderError, Samples, check_rows
+from streams.types.samples import ReaderError, Samples
 
-_MAX_SHEET_ROWS = 1 << 20
 _MIN_TABLE_ROWS = 8
 _MIN_SHARE = 0.1
 """A sheet with fewer lines of numbers, or with so small a share of those of the longest, is no recording beside it."""
-_PIECE_BYTES = 1 << 16
-_BUILT_IN = {
-    **dict.fromkeys((*range(14, 18), *range(27, 32), 36, *range(50, 59)), "day"),
-    **dict.fromkeys((*range(18, 22), 45, 46, 47), "clock"),
-    22: "moment",
-}
-"""Formats of dates and times that a workbook does not define, by number."""
-_UNSAID = re.compile(r'"[^"]*"|\\.|_.|\*.|\[(?!h+\]|m+\]|s+\])[^\]]*\]', re.IGNORECASE)
-"""Parts of a format of numbers that are text, colours and conditions."""
-_MIN_DATE_DAYS = 366.0
-"""A time of day of more days than this is a date of which the time is shown."""
-
-
-@dataclass
-class _Sheet:
-    """A sheet as lines: of each row the first column with a cell, from 0, and its cells with tabs between them.
-
-    ``tables`` are the rows that begin with a number and hold more numbers than texts.
-    """
-
-    title: str
-    lines: list[tuple[int, str]] = field(default_factory=list)
-    tables: list[int] = field(default_factory=list)
-
-
-@dataclass
-class _Workbook:
-    """What cells refer to: texts, the kind of format by style ("day", "clock", "moment"), and day 0."""
-
-    texts: list[str]
-    formats: list[str]
-    epoch: datetime
 
 
 @from_disk
@@ -77,8 +37,8 @@ def read_xlsx(
 
     Raises:
         ReaderError: as :func:`streams.files.formats.text.read_layout`, with sheet and row; ``wrong_shape`` where
-            several sheets hold tables and no key names one; ``incomplete`` where the file breaks off; ``refused``
-            beyond the limits.
+            several sheets hold tables that are not recordings one after another, and no key names one; ``incomplete``
+            where the file breaks off; ``refused`` beyond the limits.
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
@@ -93,17 +53,47 @@ def read_xlsx(
     ):
         parts = {info.filename: info for info in packed.infolist()}
         check_claim(sum(info.file_size for info in parts.values()), len(data), name)
-        sheets = list(_sheets(packed, name))
-    sheet, is_asked = _chosen(sheets, keys, name)
+        sheets = list(sheets_of(packed, name))
     notes = [line for other in sheets if not other.tables for _, line in other.lines if line]
+    chosen, is_asked = _chosen(sheets, keys, name)
+    read = partial(_read_sheet, notes=notes, name=name, zone=zone, disregard=disregard)
+    samples = read(chosen[0]) if len(chosen) == 1 else _one_after_another(chosen, read, name, zone)
+    if not is_asked:
+        return samples
+    return samples.of_each(lambda one: replace(one, names=tuple(f"{chosen[0].title}/{title}" for title in one.names)))
+
+
+def _one_after_another(sheets: Sequence[Sheet], read: Callable[[Sheet], Samples], name: str, zone: str) -> Samples:
+    """Return the sheets as recordings; ``wrong_shape`` where they do not hold the same channels at other times."""
+    listed = ", ".join(repr(sheet.title) for sheet in sheets)[:400]
+    error = ReaderError(
+        "wrong_shape",
+        f"{name}: {len(sheets)} sheets hold tables of numbers: {listed}; name one in [[channel]] key, as "
+        f'"{sheets[0].title}/COLUMN"; recordings one after another have the same columns, and each states its start',
+    )
+    found: list[tuple[float, str, Samples]] = []
+    for sheet in sheets:
+        try:
+            samples = read(sheet)
+        except ReaderError as cause:
+            raise error from cause
+        if samples.start is None or (found and samples.names != found[0][2].names):
+            raise error
+        found.append((samples.start, f"sheet {sheet.title!r}", samples))
+    found.sort(key=lambda one: one[0])
+    if found[-1][0] == found[0][0]:
+        raise error
+    return successive([(place, samples) for _, place, samples in found], name, zone)
+
+
+def _read_sheet(sheet: Sheet, *, notes: Sequence[str], name: str, zone: str, disregard: Sequence[str]) -> Samples:
     begin = min((sheet.lines[row][0] for row in sheet.tables[:1]), default=0)
     lines = ["\t" * max(0, first - begin) + line for first, line in sheet.lines]
     text = "\n".join([*notes, *lines, ""]).encode()
     try:
-        found = read_layout(text, name, zone, disregard)
+        return read_layout(text, name, zone, disregard)
     except ReaderError as error:
         raise ReaderError(error.status, _placed(str(error), name, sheet.title, len(notes))) from error
-    return replace(found, names=tuple(f"{sheet.title}/{title}" for title in found.names)) if is_asked else found
 
 
 def _said(error: Exception) -> str:
@@ -120,274 +110,14 @@ def _placed(message: str, name: str, title: str, before: int) -> str:
     return re.sub(rf"^{re.escape(name)}: line (\d+)", place, message)
 
 
-def _chosen(sheets: Sequence[_Sheet], keys: Sequence[str], name: str) -> tuple[_Sheet, bool]:
-    """Return the sheet that is read, and whether a key names it."""
+def _chosen(sheets: Sequence[Sheet], keys: Sequence[str], name: str) -> tuple[list[Sheet], bool]:
+    """Return the sheets that are read, and whether a key names them."""
     patterns = [key.rpartition("/")[0] for key in keys if "/" in key]
     asked = [sheet for sheet in sheets if any(fnmatchcase(sheet.title, pattern) for pattern in patterns)]
     longest = max((len(sheet.tables) for sheet in sheets), default=0)
     least = max(_MIN_TABLE_ROWS, _MIN_SHARE * longest)
     found = asked or [sheet for sheet in sheets if len(sheet.tables) >= min(least, max(longest, 1))]
-    if len(found) == 1:
-        return found[0], bool(asked)
-    listed = ", ".join(repr(sheet.title) for sheet in (found or sheets))[:400]
     if not found:
+        listed = ", ".join(repr(sheet.title) for sheet in sheets)[:400]
         raise ReaderError("empty", f"{name}: no line of numbers in the sheets {listed}")
-    raise ReaderError(
-        "wrong_shape",
-        f"{name}: {len(found)} sheets hold tables of numbers: {listed}; name one in [[channel]] key, as "
-        f'"{found[0].title}/COLUMN"',
-    )
-
-
-def _sheets(packed: zipfile.ZipFile, name: str) -> Iterator[_Sheet]:
-    """Yield the sheets of a workbook in order."""
-    root = next(
-        (target for kind, target in _relations(packed, "", "_rels/.rels").values() if kind == "officeDocument"),
-        "xl/workbook.xml",
-    )
-    folder, _, file = root.rpartition("/")
-    relations = _relations(packed, folder, f"{folder}/_rels/{file}.rels".removeprefix("/"))
-    of_kind = dict(relations.values())
-    titles: list[tuple[str, str]] = []
-    epoch = datetime(1899, 12, 30)
-    for tag, attributes in _elements(packed, root):
-        if tag == "workbookPr" and attributes.get("date1904") in ("1", "true"):
-            epoch = datetime(1904, 1, 1)
-        elif tag == "sheet":
-            kind, target = relations.get(_local(attributes, "id"), ("", ""))
-            if kind == "worksheet":
-                titles.append((attributes.get("name", ""), target))
-    texts = _shared(packed, of_kind["sharedStrings"]) if "sharedStrings" in of_kind else []
-    formats = list(_formats(packed, of_kind["styles"])) if "styles" in of_kind else []
-    book = _Workbook(texts, formats, epoch)
-    for title, target in titles:
-        yield _Parser(packed, target, _Sheet(title), book, name).sheet
-
-
-def _relations(packed: zipfile.ZipFile, folder: str, part: str) -> dict[str, tuple[str, str]]:
-    """Return kind and path of the parts to which a part refers, by identifier."""
-    if part not in packed.namelist():
-        return {}
-    return {
-        attributes["Id"]: (
-            attributes.get("Type", "").rpartition("/")[2],
-            _joined(folder, attributes["Target"]),
-        )
-        for tag, attributes in _elements(packed, part)
-        if tag == "Relationship" and attributes.get("TargetMode") != "External"
-    }
-
-
-def _joined(folder: str, target: str) -> str:
-    if target.startswith("/"):
-        return target[1:]
-    parts = folder.split("/") if folder else []
-    for word in target.split("/"):
-        if word == ".." and parts:
-            parts.pop()
-        elif word not in ("", "."):
-            parts.append(word)
-    return "/".join(parts)
-
-
-def _local(attributes: Mapping[str, str], word: str) -> str:
-    """Return the attribute of a name whatever its namespace, "" where there is none."""
-    return next((value for key, value in attributes.items() if key.rpartition(":")[2] == word and ":" in key), "")
-
-
-@contextmanager
-def _no_types() -> Iterator[Any]:
-    """Give a parser that refuses document types."""
-    parser = expat.ParserCreate()
-    parser.buffer_text = True
-
-    def refuse(*_: object) -> None:
-        raise ValueError("a document type")
-
-    parser.StartDoctypeDeclHandler = refuse
-    yield parser
-
-
-def _feed(parser: Any, packed: zipfile.ZipFile, part: str) -> None:
-    with packed.open(part) as stream:
-        while piece := stream.read(_PIECE_BYTES):
-            parser.Parse(piece, False)
-        parser.Parse(b"", True)
-
-
-def _elements(packed: zipfile.ZipFile, part: str) -> list[tuple[str, dict[str, str]]]:
-    """Return the elements of a small part with their attributes."""
-    found: list[tuple[str, dict[str, str]]] = []
-    with _no_types() as parser:
-        parser.StartElementHandler = lambda tag, attributes: found.append((tag.rpartition(":")[2], attributes))
-        _feed(parser, packed, part)
-    return found
-
-
-def _shared(packed: zipfile.ZipFile, part: str) -> list[str]:
-    """Return the texts that cells share; those of phonetic runs are none."""
-    found: list[str] = []
-    words: list[str] = []
-    inside = {"t": 0, "rPh": 0}
-
-    def start(tag: str, _: object) -> None:
-        if (tag := tag.rpartition(":")[2]) in inside:
-            inside[tag] += 1
-
-    def end(tag: str) -> None:
-        if (tag := tag.rpartition(":")[2]) in inside:
-            inside[tag] -= 1
-        elif tag == "si":
-            found.append("".join(words))
-            words.clear()
-
-    def text(part: str) -> None:
-        if inside["t"] and not inside["rPh"]:
-            words.append(part)
-
-    with _no_types() as parser:
-        parser.StartElementHandler, parser.EndElementHandler, parser.CharacterDataHandler = start, end, text
-        _feed(parser, packed, part)
-    return found
-
-
-def _formats(packed: zipfile.ZipFile, part: str) -> Iterator[str]:
-    """Yield of each style of cells whether its numbers are shown as "day", "clock", both ("moment") or neither ("")."""
-    own: dict[str, str] = {}
-    inside = False
-    for tag, attributes in _elements(packed, part):
-        if tag == "numFmt":
-            own[attributes.get("numFmtId", "")] = attributes.get("formatCode", "")
-        elif tag in ("cellXfs", "cellStyleXfs", "cellStyles", "dxfs"):
-            inside = tag == "cellXfs"
-        elif tag == "xf" and inside:
-            number = attributes.get("numFmtId", "0")
-            yield _kind_of(own.get(number), int(number))
-
-
-def _kind_of(code: str | None, number: int) -> str:
-    if code is None:
-        return _BUILT_IN.get(number, "")
-    words = _UNSAID.sub("", code.partition(";")[0]).lower()
-    words = re.sub(r"general|standard|am/pm|a/p", "", words)
-    has_clock = "h" in words or "s" in words
-    if "y" in words or "d" in words or ("m" in words and not has_clock):
-        return "moment" if has_clock else "day"
-    return "clock" if has_clock else ""
-
-
-class _Parser:
-    """Turns the cells of a sheet into its lines."""
-
-    def __init__(self, packed: zipfile.ZipFile, part: str, sheet: _Sheet, book: _Workbook, name: str) -> None:
-        """Parse a part; ReaderError as :func:`read_xlsx`."""
-        self.sheet, self._book, self._name = sheet, book, name
-        self._row, self._column = 0, -1
-        self._cells: list[str] = []
-        self._first, self._numbers, self._leads = 0, 0, False
-        self._kind, self._style, self._has_formula, self._is_value = "n", "", False, False
-        self._value, self._has_prefix = "", False
-        self._columns: dict[str, int] = {}
-        with _no_types() as parser:
-            parser.StartElementHandler, parser.EndElementHandler = self._root, self._end
-            parser.CharacterDataHandler = self._text
-            self._xml = parser
-            _feed(parser, packed, part)
-
-    def _root(self, tag: str, _: dict[str, str]) -> None:
-        self._has_prefix = ":" in tag
-        self._xml.StartElementHandler = self._start
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        if self._has_prefix:
-            tag = tag.rpartition(":")[2]
-        if tag == "v" or tag == "t":
-            self._is_value = True
-        elif tag == "c":
-            self._kind, self._style = attributes.get("t", "n"), attributes.get("s", "")
-            place = attributes.get("r")
-            self._column = self._column + 1 if place is None else self._place(place)
-            self._value, self._has_formula = "", False
-        elif tag == "f":
-            self._has_formula = True
-        elif tag == "row":
-            row = int(attributes.get("r", self._row + 1))
-            if not self._row < row <= _MAX_SHEET_ROWS:
-                raise ReaderError("refused", f"{self._name}: row {row} of {self.sheet.title!r}, behind {self._row}")
-            self.sheet.lines += [(0, "")] * (row - self._row - 1)
-            self._row, self._column = row, -1
-            self._cells, self._numbers, self._leads = [], 0, False
-
-    def _place(self, cell: str) -> int:
-        """Return the column of a cell such as ``AB12``, from 0."""
-        letters = cell.rstrip("0123456789")
-        found = self._columns.get(letters)
-        if found is None:
-            column = 0
-            for letter in letters[:4]:
-                column = 26 * column + ord(letter.upper()) - ord("A") + 1
-            check_rows(column, self._name, f"columns in {self.sheet.title!r}")
-            found = self._columns[letters] = column - 1
-        return found
-
-    def _text(self, part: str) -> None:
-        if self._is_value:
-            self._value += part
-
-    def _end(self, tag: str) -> None:
-        if self._has_prefix:
-            tag = tag.rpartition(":")[2]
-        if tag == "v" or tag == "t":
-            self._is_value = False
-        elif tag == "c":
-            self._add_cell()
-        elif tag == "row":
-            self._add_line()
-
-    def _add_cell(self) -> None:
-        text, is_numeric = self._value, True
-        if self._kind != "n" or self._style:
-            text, is_numeric = self._shown(text)
-        if not text:
-            if self._has_formula:
-                where = f"sheet {self.sheet.title!r}, row {self._row}, column {self._column + 1}"
-                reason = "a formula without its value; open the workbook in Excel and save it"
-                raise ReaderError("unreadable", f"{self._name}: {where}: {reason}")
-            return
-        if not self._cells:
-            self._first, self._leads = self._column, is_numeric
-        missing = self._column - self._first - len(self._cells)
-        if missing < 0 or self._column >= MAX_ROWS:
-            raise ReaderError("unreadable", f"{self._name}: {self.sheet.title!r}: cells of row {self._row} disordered")
-        if missing:
-            self._cells += [""] * missing
-        self._cells.append(text)
-        self._numbers += is_numeric
-
-    def _shown(self, value: str) -> tuple[str, bool]:
-        """Return the text of a cell, and whether it is a number, a date or a time."""
-        kind, book = self._kind, self._book
-        if kind == "n":
-            form = book.formats[int(self._style)] if value and self._style and book.formats else ""
-            return (_dated(float(value), form, book.epoch) if form else value), bool(value)
-        if kind == "b":
-            return value, True
-        text = book.texts[int(value)] if kind == "s" else value
-        text = " ".join(text.replace(";", ",").split())
-        if kind == "d":
-            return text.replace("T", " "), True
-        return text, bool(text) and is_number(text)
-
-    def _add_line(self) -> None:
-        cells = self._cells
-        if self._leads and 2 * self._numbers >= len(cells):
-            self.sheet.tables.append(len(self.sheet.lines))
-        self.sheet.lines.append((self._first if cells else 0, "\t".join(cells)))
-
-
-def _dated(days: float, form: str, epoch: datetime) -> str:
-    """Return a cell of days since the first one as date, time of day or both."""
-    moment = epoch + timedelta(microseconds=round(days * 86400e6))
-    if form == "clock" and days < _MIN_DATE_DAYS:
-        return moment.strftime("%H:%M:%S.%f") if days < 1.0 else repr(days * 86400.0)
-    return moment.strftime("%Y-%m-%d") if days == int(days) and form == "day" else moment.isoformat(" ", "microseconds")
+    return found, bool(asked)

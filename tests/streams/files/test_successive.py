@@ -16,16 +16,35 @@ from numpy.testing import assert_array_equal
 from spallwatch import blocks, read
 from spallwatch.recordings import RecordingError
 from streams.files.formats.text import read_layout
+from streams.files.recognise import as_pattern
+from streams.files.survey import survey
 from streams.open import open_source
 from streams.recording.state import ResumableSource
 from streams.types.block import Block, Rejected
 from streams.types.samples import ReaderError
 from streams.types.spec import ChannelSpec, SourceSpec
 from tests.streams.folders import Rig
-from tests.streams.several_makers import LVM_HEAD, NOON, RATE, TEXTS, Part, csv, lvm, lvm_segment, parts_of, stamped_csv
+from tests.streams.several_makers import (
+    FILES,
+    LVM_HEAD,
+    NOON,
+    RATE,
+    TEXTS,
+    Part,
+    csv,
+    hdf5,
+    lvm,
+    lvm_segment,
+    parts_of,
+    stamped_csv,
+    tdms,
+    uff,
+    xlsx,
+)
 from tests.support.effort import effort_count
 
 CHANNELS = (ChannelSpec("acc", column="acc"),)
+LAYOUTS = TEXTS | FILES
 GAPS = st.sampled_from([0.0, 2.0, 1800.0])
 Item = tuple[Any, ...] | str
 
@@ -47,7 +66,7 @@ def essence(found: Sequence[Block | Rejected]) -> list[Item]:
 
 def written(folder: Path, parts: Sequence[Part], layout: str) -> tuple[Path, Path]:
     """Write the parts as one file, and as files of one part each; return both folders."""
-    make, ending = TEXTS[layout]
+    make, ending = LAYOUTS[layout]
     one, each = folder / "one", folder / "each"
     for made in (one, each):
         made.mkdir()
@@ -57,14 +76,14 @@ def written(folder: Path, parts: Sequence[Part], layout: str) -> tuple[Path, Pat
     return one, each
 
 
-@pytest.mark.parametrize("layout", TEXTS)
+@pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("block_s", ["file", 0.05])
 @given(
     lengths=st.lists(st.integers(30, 130), min_size=2, max_size=5),
     gaps=st.lists(GAPS, min_size=5, max_size=5),
     seed=st.integers(0, 999),
 )
-@settings(max_examples=effort_count(quick=4, full=60), deadline=None)
+@settings(max_examples=effort_count(quick=2, full=60), deadline=None)
 def test_any_cut_into_recordings_gives_the_blocks_of_separate_files(
     tmp_path_factory: pytest.TempPathFactory,
     layout: str,
@@ -290,3 +309,64 @@ def test_files_of_one_channel_each_with_several_recordings_are_read_together(tmp
 
 def test_rates_are_the_stated_ones() -> None:
     assert {one.rate for one in read_layout(lvm(parts_of([50, 50], [1.0, 1.0])), "x.lvm").recordings} == {RATE}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_the_titles_of_a_survey_name_the_channels_of_all_recordings(tmp_path: Path, layout: str) -> None:
+    make, ending = LAYOUTS[layout]
+    parts = parts_of([100, 100, 100], [5.0] * 3, channels=2)
+    path = tmp_path / f"a.{ending}"
+    path.write_bytes(make(parts, ("acc", "vert")))
+    seen = survey(str(path))
+    keys = tuple(ChannelSpec(row.name, key=as_pattern(row.title)) for row in seen.vibration)
+    found = list(open_source(SourceSpec(name="s", url=str(path), channels=keys, block_s="file")))
+    assert [item.samples.shape for item in found if isinstance(item, Block)] == [(2, 100)] * 3
+    assert seen.starts[1] == pytest.approx(NOON + 10.2)
+
+
+@pytest.mark.parametrize(("make", "ending"), [(tdms, "tdms"), (hdf5, "h5")])
+@pytest.mark.parametrize("form", ["2026-01-01_12-%02d-00", "20260101_12%02d00"])
+def test_groups_named_by_their_times_are_recordings(
+    tmp_path: Path, make: Callable[..., bytes], ending: str, form: str
+) -> None:
+    path = tmp_path / f"a.{ending}"
+    path.write_bytes(make(parts_of([100, 100], [5.0] * 2), groups=[form % 30, form % 0]))
+    found = [item for item in items(path, block_s="file") if isinstance(item, Block)]
+    assert [item.start for item in found] == [NOON, NOON + 1800.0]
+    assert_array_equal(found[1].samples[0], parts_of([100, 100], [5.0] * 2)[0].values[0])
+
+
+@pytest.mark.parametrize("make", [tdms, hdf5])
+def test_groups_of_one_time_are_sensors_of_one_recording(tmp_path: Path, make: Callable[..., bytes]) -> None:
+    ending = "tdms" if make is tdms else "h5"
+    parts = parts_of([100, 100], [0.0] * 2)
+    (tmp_path / f"a.{ending}").write_bytes(make([replace(part, start=NOON) for part in parts]))
+    (signal,) = blocks(tmp_path, block_s="file")
+    assert signal.sizes == {"channel": 2, "time": 100}
+
+
+@pytest.mark.parametrize("make", [tdms, hdf5, xlsx])
+def test_groups_that_overlap_are_refused_by_both_readings(tmp_path: Path, make: Callable[..., bytes]) -> None:
+    ending = {tdms: "tdms", hdf5: "h5", xlsx: "xlsx"}[make]
+    parts = parts_of([3000, 3000], [0.0] * 2)
+    (tmp_path / f"a.{ending}").write_bytes(make([parts[0], replace(parts[1], start=NOON + 1.5)]))
+    with pytest.raises(RecordingError, match="sensors recorded at the same time, or a clock that was set back"):
+        list(blocks(tmp_path / f"a.{ending}", block_s="file"))
+
+
+def test_sets_of_one_node_without_starts_are_refused_by_both_readings(tmp_path: Path) -> None:
+    stamp = b"01-Jan-26 12:00:00.000000".ljust(80)
+    text = uff(parts_of([100, 100], [0.0] * 2))
+    assert text.count(stamp) == 1
+    text = uff([replace(part, start=NOON) for part in parts_of([100, 100], [0.0] * 2)]).replace(
+        stamp, b"NONE".ljust(80)
+    )
+    (tmp_path / "a.uff").write_bytes(text)
+    with pytest.raises(RecordingError, match=r"2 functions are called 1:[+]Z: .*, recordings one after"):
+        list(blocks(tmp_path / "a.uff", block_s="file"))
+
+
+def test_sheets_without_starts_are_asked_for(tmp_path: Path) -> None:
+    (tmp_path / "a.xlsx").write_bytes(xlsx([replace(part, start=NOON) for part in parts_of([100, 100], [0.0] * 2)]))
+    with pytest.raises(RecordingError, match=r"name one in .* recordings one after another have the same columns"):
+        list(blocks(tmp_path / "a.xlsx", block_s="file"))
