@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 
 from monitor.desk.answers import AnsweredBearing, bearing_sections, channel_names
 from monitor.desk.desk import ImportDesk
-from monitor.desk.questions import name_readings, speed_row, unit_of
+from monitor.desk.questions import name_readings, speed_row, tacho_of, unit_of
 from monitor.desk.text import level_in_g, scale_of
 from streams.files.container import first_of
 from streams.files.foreign import HEAD_BYTES, seen_in
@@ -135,9 +135,9 @@ def _facts(desk: ImportDesk) -> Iterator[FactReading]:
     row = next((row for row in seen.all_rows if row.kind == "load"), None)
     if answers.load_newton is not None:
         yield FactReading("load_newton", "Radial load", f"{answers.load_newton:g} N", ANSWERED)
-    elif row is not None:
+    elif row is not None and not answers.no_load:
         yield FactReading("load_newton", "Radial load", "of each block", STATED, f"column {shown(row.title)}")
-    elif seen.load is not None:
+    elif seen.load is not None and not answers.no_load:
         yield FactReading("load_newton", "Radial load", f"{seen.load:g} N", STATED, shown(seen.first))
     else:
         origin = OPEN if not answers.no_load else _given(desk, "load_newton")
@@ -145,8 +145,9 @@ def _facts(desk: ImportDesk) -> Iterator[FactReading]:
     sections = bearing_sections(seen, answers)
     words = "; ".join(_bearing_words(name, one, several=len(sections) > 1) for name, one in sections.items())
     yield FactReading("bearing", "Bearing", words or None, ANSWERED if words else OPEN)
-    if seen.tacho is not None or seen.pulses is not None:
-        count, place = answers.pulses_per_revolution, seen.pulses or (seen.tacho.title if seen.tacho else "")
+    tacho = tacho_of(seen, answers)
+    if tacho is not None or seen.pulses is not None:
+        count, place = answers.pulses_per_revolution, seen.pulses or (tacho.title if tacho else "")
         origin = OPEN if count is None else _given(desk, "pulses_per_revolution")
         value = None if count is None else f"{count} a revolution"
         yield FactReading("pulses_per_revolution", "Pulses of a tacho", value, origin, shown(place))
@@ -204,10 +205,9 @@ def _speed(desk: ImportDesk) -> FactReading:
         return FactReading("speed_hz", name, value, _given(desk, "speed_hz"))
     if row is not None:
         return FactReading("speed_hz", name, "of each block", STATED, f"column {shown(row.title)}")
-    if seen.tacho is not None or seen.pulses is not None:
-        return FactReading(
-            "speed_hz", name, "by the pulses", STATED, shown(seen.pulses or str(seen.tacho and seen.tacho.title))
-        )
+    tacho = tacho_of(seen, answers)
+    if tacho is not None or seen.pulses is not None:
+        return FactReading("speed_hz", name, "by the pulses", STATED, shown(seen.pulses or str(tacho and tacho.title)))
     if answers.estimate:
         return FactReading("speed_hz", name, "estimated of every block, 5 to 100 Hz", _given(desk, "speed_hz"))
     if seen.speed is not None and seen.speed_from == "stated by the files":

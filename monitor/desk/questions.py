@@ -15,11 +15,14 @@ from streams.dates.dating import NameReading, find_readings, nearest_change
 from streams.files.columns import hertz_in
 from streams.files.groups import NameGroups
 from streams.files.survey import Survey, SurveyedRow
+from streams.turns.tacho import is_called_tacho
 from streams.types.listing import shown
 from streams.types.samples import COUNTS, FRACTIONS
 from streams.types.stamps import ORDERS, Stamp, evidence, stamp_in_name, utc_text
 
 _DAY = 86400.0
+_WHOLE = 0.15
+"""Part of it by which the pulses of a revolution may be off a whole number: a nominal speed is not exact."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +100,9 @@ def open_questions(
         )
     yield from _level_questions(survey, answers)
     yield from _date_questions(survey, answers, zone, now, last_problem)
-    if (survey.tacho is not None or survey.pulses is not None) and answers.pulses_per_revolution is None:
+    if (tacho_of(survey, answers) is not None or survey.pulses is not None) and answers.pulses_per_revolution is None:
         yield _pulses_question(survey, answers)
-    if answers.speed_hz is None and not answers.estimate and not _states_speed(survey):
+    if answers.speed_hz is None and not answers.estimate and not _states_speed(survey, answers):
         stated = None if survey.speed is None else f"{survey.speed:.8g} Hz"
         found = "The fault frequencies are multiples of it." if stated is None else f"{stated} {survey.speed_from}."
         yield Question(
@@ -166,28 +169,46 @@ def _bearing_question(survey: Survey) -> Question:
 
 
 def _pulses_question(survey: Survey, answers: Answers) -> Question:
-    row, speed = survey.tacho, answers.speed_hz or survey.speed
+    row, speed = tacho_of(survey, answers), answers.speed_hz or survey.speed
     found = None if row is None or survey.rate is None else row.tacho
     per_second = 0.0 if found is None else found.per_second
-    likely = max(1, round(per_second / speed)) if speed else 1
+    likely = _whole_pulses(per_second / speed) if speed and per_second else 1
+    remark = "" if likely else f", no whole number of those of a shaft of {speed:.4g} Hz"
     seen = f"{survey.pulses} has times of pulses"
     if row is not None:
         regular = f"has about {per_second:.4g} pulses a second" if per_second else "shows no regular pulses"
-        seen = f"{shown(row.title)} {regular}"
+        seen = f"{shown(row.title)} {regular}{remark}"
     return Question(
         "--pulses-per-revolution",
         "Pulses a revolution of the tacho",
         f"{seen}. They give the angle and the speed of the shaft, where it varies too; missing teeth count.",
-        str(likely),
+        str(likely) if likely else None,
         read.read_pulses,
     )
 
 
-def _states_speed(survey: Survey) -> bool:
+def _states_speed(survey: Survey, answers: Answers) -> bool:
     """Return whether every file states its speed, or has a row of it or of pulses."""
-    marks = survey.tacho is not None or survey.pulses is not None
+    marks = tacho_of(survey, answers) is not None or survey.pulses is not None
     by_files = survey.speed is not None and survey.speed_from == "stated by the files"
     return _has(survey, "speed") or marks or by_files
+
+
+def tacho_of(survey: Survey, answers: Answers) -> SurveyedRow | None:
+    """Return the row of the tacho of the shaft, None where there is none.
+
+    A row that only its regular pulses make one, of which there is no whole number a revolution, is a switch.
+    """
+    row, speed = survey.tacho, answers.speed_hz or survey.speed
+    if row is None or row.tacho is None or is_called_tacho(f"{row.title} {row.written}"):
+        return row
+    return None if speed and survey.rate and not _whole_pulses(row.tacho.per_second / speed) else row
+
+
+def _whole_pulses(pulses: float) -> int:
+    """Return the whole number of pulses a revolution, 0 where these are near none."""
+    count = round(pulses)
+    return count if abs(pulses - count) <= _WHOLE * count else 0
 
 
 def speed_row(survey: Survey) -> SurveyedRow | None:

@@ -11,7 +11,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from monitor.desk.answers import Answers, bearing_of, bearing_sections, channel_names
-from monitor.desk.questions import needs_scale, speed_factor, speed_row, unit_of
+from monitor.desk.questions import needs_scale, speed_factor, speed_row, tacho_of, unit_of
 from monitor.health.onset.state import DetectSettings
 from streams.files.plausible import SignalLevel, of_one_g
 from streams.files.recognise import FORMATS, as_pattern
@@ -141,7 +141,7 @@ def _bearings(draft: Draft) -> Iterator[str]:
 def _operating(draft: Draft) -> Iterator[str]:
     answers, survey = draft.answers, draft.survey
     yield from ("", "[operating]")
-    row = speed_row(survey)
+    row, tacho = speed_row(survey), tacho_of(survey, answers)
     if answers.speed_hz is not None:
         yield _pair("speed_hz", answers.speed_hz, f"{60 * answers.speed_hz:.4g} rpm")
     elif row is not None:
@@ -150,9 +150,8 @@ def _operating(draft: Draft) -> Iterator[str]:
             yield _pair("speed_channel_scale", 1 / 60, "from rpm to Hz")
     elif survey.speed is not None and not answers.estimate:
         yield _pair("speed_hz", survey.speed, f"{survey.speed_from}; a speed in a file takes precedence")
-    elif survey.tacho is None and survey.pulses is None:
+    elif tacho is None and survey.pulses is None:
         yield _pair("speed", "estimate", "of every block, from 5 to 100 Hz; speed_range_hz narrows it")
-    tacho = survey.tacho
     if tacho is not None:
         yield _pair("tacho_channel", tacho.title, "pulses of the shaft: its angle and speed")
     if tacho is not None or survey.pulses is not None:
@@ -160,11 +159,11 @@ def _operating(draft: Draft) -> Iterator[str]:
     row = next((row for row in survey.all_rows if row.kind == "load"), None)
     if answers.load_newton is not None:
         yield _pair("load_newton", answers.load_newton, "radial")
-    elif row is not None:
+    elif row is not None and not answers.no_load:
         yield _pair("load_channel", row.title, "the files record the load")
         if "kn" in f"{row.title} {row.written}".lower():
             yield _pair("load_channel_scale", 1000, "from kN to N")
-    elif survey.load is not None:
+    elif survey.load is not None and not answers.no_load:
         yield _pair("load_newton", survey.load, "as the files state it")
     else:
         yield _pair("load_newton", 1000, "radial; V_eq needs it", off=True)
