@@ -14,9 +14,13 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
+from streams.files.claims import ANOTHER_LOGGER
 from streams.files.formats.mat import load_mat, mat_variables, read_mat, scalar, text
 from streams.files.formats.text import read_layout, read_text
+from streams.files.judge import judge_rate, judge_unit
+from streams.files.keys import FACTORS, UNIT_KEYS
 from streams.files.parse.child import isolated
+from streams.files.statements import add_fact, plain_key, rate_statements, unit_statements
 from streams.types.large import Data
 from streams.types.listing import natural_key, unpacked_name
 from streams.types.samples import ReaderError, Samples
@@ -89,6 +93,7 @@ def _number_in(pattern: str, path: str) -> int | None:
 # PRONOSTIA (IEEE PHM 2012): the challenge's description gives 25.6 kHz, a record of 0.1 s every 10 s, the conditions.
 _PRONOSTIA_CONDITIONS = {"1": (1800 / 60, 4000.0), "2": (1650 / 60, 4200.0), "3": (1500 / 60, 5000.0)}
 _PRONOSTIA_RATE, _PRONOSTIA_PERIOD, _PRONOSTIA_SAMPLES = 25600.0, 10.0, 2560
+_CLOCK_TOLERANCE = 0.01
 
 
 def _pronostia_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
@@ -103,11 +108,30 @@ def _pronostia_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
 
 def _pronostia_read(data: bytes, path: str) -> Samples:
     # 16-bit samples printed with three decimals; the clock of the first four columns is not a sample clock.
-    samples = read_text(data, path, separators=";,", header=False, n_columns=6, columns=(5, 6), precision=np.float32)
-    return replace(samples, channels=("horizontal", "vertical"))
+    samples = read_text(data, path, separators=";,", header=False, n_columns=6, precision=np.float32)
+    hour, minute, second, micro = (row.astype(np.float64) for row in samples.values[:4])
+    limits = ((hour, 24.0), (minute, 60.0), (second, 60.0), (micro, 1e6))
+    if any(np.any((row < 0.0) | (row >= limit)) for row, limit in limits):
+        raise ReaderError("wrong_shape", f"{path}: columns 1 to 4 are no time as of pronostia{ANOTHER_LOGGER}")
+    span = (3600.0 * hour + 60.0 * minute + second + 1e-6 * micro)[[0, -1]]
+    seconds = float(span[1] - span[0]) % 86400.0
+    rate = (hour.size - 1) / seconds if seconds else _PRONOSTIA_RATE
+    if abs(rate - _PRONOSTIA_RATE) > _CLOCK_TOLERANCE * _PRONOSTIA_RATE:
+        told = f"the times in columns 1 to 4 are those of {rate:.6g} Hz, pronostia has {_PRONOSTIA_RATE:g} Hz"
+        raise ReaderError("wrong_rate", f"{path}: {told}{ANOTHER_LOGGER}")
+    return replace(samples.select([4, 5]), channels=("horizontal", "vertical"))
 
 
 # IMS (Cincinnati, NASA prognostics repository): nominal 20 kHz, a record of 20480 samples; 2000 rpm, 6000 lb.
+_IMS_RUNS = (("2003.10.22", "2003.11.26"), ("2004.02.12", "2004.02.20"), ("2004.03.04", "2004.04.19"))
+"""First day of each run, and the day behind it."""
+
+
+def is_of_ims(path: str) -> bool:
+    """Return whether a file is named and dated as one of the three runs: other loggers write such names, too."""
+    return any(first <= _file_name(path) < behind for first, behind in _IMS_RUNS)
+
+
 def _ims_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     name = _file_name(path)
     if re.fullmatch(r"\d{4}(\.\d\d){5}", name) is None:
@@ -200,6 +224,7 @@ _CWRU_12K = (
     (222, 225), (234, 237), (246, 249), (258, 261), (270, 313), (315, 318), (3001, 3008),
 )  # fmt: skip
 _CWRU_VARIABLE = re.compile(r"X(\d+)_(DE|FE|BA)_time")
+_CWRU_RPM = (1700.0, 1810.0)
 _CWRU_CHANNELS = {"DE": "drive_end", "FE": "fan_end", "BA": "base"}
 
 
@@ -219,8 +244,22 @@ def _cwru_facts(path: str, place: str, zone: ZoneInfo) -> FileFacts | None:
     return FileFacts(natural_key(path), rate=rate)
 
 
+def _cwru_facts_of(data: Data, path: str, number: str) -> dict[str, object]:
+    """Return what variables beside the signals state, such as ``fs`` or ``X130_DE_unit``: in the set there are none."""
+    facts: dict[str, object] = {}
+    own = re.compile(rf"(?:X{number}_?)?(?:(?:DE|FE|BA)_?)?(\w+?)")
+    named = {key: plain_key(match[1]) for key in mat_variables(data, path) if (match := own.fullmatch(key))}
+    stating = {key: plain for key, plain in named.items() if plain in FACTORS or plain in UNIT_KEYS}
+    values = load_mat(data, path, list(stating)) if stating else {}
+    for key, plain in stating.items():
+        value = text(values, key) or scalar(values, key)
+        if value is not None:
+            add_fact(facts, plain, value, key)
+    return facts
+
+
 def cwru_read(data: bytes, path: str) -> Samples:
-    """Read a file of the Bearing Data Center: the recording of its number, its RPM."""
+    """Read a file of the Bearing Data Center: the recording of its number, its RPM, rate and unit."""
     found = [match for match in map(_CWRU_VARIABLE.fullmatch, mat_variables(data, path)) if match]
     # Some files hold the variables of a second file too (99 has X098 and X099): the file's own number decides.
     own = [match for match in found if int(match[1]) == _cwru_number(path)]
@@ -233,9 +272,15 @@ def cwru_read(data: bytes, path: str) -> Samples:
     kinds = [name.rsplit("_", 2)[1] for name in samples.names]
     rpm_key = f"X{chosen[0][1]}RPM"
     rpm = scalar(load_mat(data, path, [rpm_key]), rpm_key)
+    if rpm is not None and not _CWRU_RPM[0] <= rpm <= _CWRU_RPM[1]:
+        expected = "cwru has {:g} to {:g} rpm".format(*_CWRU_RPM)
+        raise ReaderError("unreadable", f"{path}: {rpm_key} is {rpm:g}, {expected}{ANOTHER_LOGGER}")
+    facts = _cwru_facts_of(data, path, chosen[0][1])
     return replace(
         samples,
         channels=tuple(_CWRU_CHANNELS[kind] for kind in kinds),
+        units=(judge_unit(unit_statements(facts), path),) * len(kinds),
+        **judge_rate(rate_statements(facts, path), path).fields,
         speed=rpm / 60 if rpm is not None and rpm > 0 else None,
     )
 

@@ -108,7 +108,7 @@ class JudgedRate:
     @property
     def meant(self) -> str:
         """The readings in words."""
-        spread = f" +- {self.resolution:.2g}" if len(self.readings) == 1 else ""
+        spread = f" +- {self.resolution:.2g}" if len(self.readings) == 1 and self.resolution else ""
         return " or ".join(f"{rate:.6g}" for rate in self.readings) + f"{spread} Hz"
 
     def fits(self, rate: float) -> bool:

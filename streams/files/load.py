@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from zoneinfo import ZoneInfo
 
+from streams.files.claims import check_claims
 from streams.files.columns import refuse_running, vibration_rows, with_times
 from streams.files.container import changed_error, first_of
 from streams.files.foreign import HEAD_BYTES, seen_in, with_hint
@@ -38,7 +39,7 @@ from streams.types.times import TimeStatement
 if TYPE_CHECKING:
     # At run time the receivers of frames, which call this module too, need no parser.
     from streams.dates.dater import Dater
-    from streams.files.datasets import DataSet, FileFacts
+from streams.files.datasets import DataSet, FileFacts
 
 _LOG = logging.getLogger(__name__)
 _MAX_LISTED = 1000
@@ -183,6 +184,7 @@ class Loader:
     def _settled(self, samples: Samples, facts: FileFacts, stored: int, name: str) -> Samples:
         """Return the configured channels of a recording with rate and units, of a file of so many bytes."""
         self._check_length(samples, name)
+        check_claims(self.data_set, facts, samples, name)
         samples = choose_channels(samples, self._spec.channels, self.data_set.unit, name, self._spec.range_g)
         if self.data_set.plain and self._spec.channels:
             refuse_running(samples, self._spec.channels, name)

@@ -13,7 +13,7 @@ from typing import Any
 from zoneinfo import ZoneInfo
 
 from streams.files.container import Files, Item, is_archive
-from streams.files.datasets import DATA_SETS, DataSet, FileFacts
+from streams.files.datasets import DATA_SETS, DataSet, FileFacts, is_of_ims
 from streams.files.foreign import HEAD_BYTES, HOW_TO_STATE, described
 from streams.files.formats.hdf5 import read_hdf5
 from streams.files.formats.mat import mat_variables, read_mat
@@ -94,6 +94,8 @@ FORMATS = {
     "raw": RAW_ENDINGS,
 }
 """The plain formats and their file endings."""
+DIGITS = tuple("0123456789")
+"""Ends of names of texts without an ending: a date in points."""
 _ALIASES = {"text": "csv", "lvm": "csv", "flac": "wav", "h5": "hdf5", "uff58": "uff", "unv": "uff", "nc": "netcdf"}
 _ALIASES |= {"excel": "xlsx", "xlsm": "xlsx", "pq": "parquet"}
 _SILENT = ("npy", "raw")
@@ -158,7 +160,7 @@ def plain(kind: str, spec: SourceSpec, endings: tuple[str, ...]) -> DataSet:
         meant = not endings or unpacked_name(path).lower().endswith(endings)
         return FileFacts(natural_key(path)) if meant else None
 
-    shown = ", ".join(f"*{ending}" for ending in endings) or "any name"
+    shown = ", ".join(f"*{ending}" for ending in endings if ending not in DIGITS) or "any name"
     rate, unit = kind not in _SILENT, kind not in (*_SILENT, "wav")
     return DataSet(
         kind, shown, facts, readers[kind], unit=None, states_rate=rate, states_unit=unit, plain=True, endings=endings
@@ -234,8 +236,9 @@ def _with_sidecars(data_set: DataSet, spec: SourceSpec, files: Files) -> DataSet
         return samples if sidecar is None else samples.of_each(lambda one: apply_sidecar(one, sidecar, path))
 
     there = _has_sidecars(root, files)
-    states_rate, states_unit = data_set.states_rate or there, data_set.states_unit or there
-    return replace(data_set, read=read, states_rate=states_rate, states_unit=states_unit)
+    return replace(
+        data_set, read=read, states_rate=data_set.states_rate or there, states_unit=data_set.states_unit or there
+    )
 
 
 def _layout_in(sidecar: SideCar, path: str, kind: str) -> Layout | None:
@@ -249,10 +252,8 @@ def _has_sidecars(root: Path, files: Files) -> bool:
     """Return whether there may be side-cars, of single files or of a folder."""
     if any((root / name).exists() for name in FOLDER_NAMES):
         return True
-    if files.several:
-        names = {item.path.rpartition("/")[2] for item in files}
-    else:
-        names = {path.name for path in root.iterdir()}
+    several = {item.path.rpartition("/")[2] for item in files} if files.several else set[str]()
+    names = several or {path.name for path in root.iterdir()}
     return any(is_sidecar(name, names) for name in names)
 
 
@@ -261,7 +262,7 @@ def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
     wanted = kind.strip().lower()
     wanted = _ALIASES.get(wanted, wanted)
     if wanted in FORMATS:
-        return plain(wanted, spec, FORMATS[wanted] if files.several else ())
+        return plain(wanted, spec, (*FORMATS[wanted], *DIGITS * (wanted == "csv")) if files.several else ())
     if wanted != "auto":
         named = DATA_SETS.get(re.sub(r"[-\s]", "_", wanted))
         if named is None:
@@ -298,13 +299,22 @@ def _found_data_set(spec: SourceSpec, files: Files, kind: str) -> DataSet:
 
 
 def _recognised_by_name(item: Item, files: Files) -> DataSet | None:
-    names = ("pronostia", "ims", "paderborn")
-    return next((DATA_SETS[name] for name in names if _is_named_as(name, item, files)), None)
+    name = next((name for name in ("pronostia", "ims", "paderborn") if _is_named_as(name, item, files)), None)
+    other = (name == "ims" and not is_of_ims(item.path)) or (name == "pronostia" and not _is_clocked(item))
+    return None if name is None or other else DATA_SETS[name]
+
+
+def _is_clocked(item: Item) -> bool:
+    """Return whether a file that can be read begins with six numbers, as those of PRONOSTIA."""
+    line = ((_asked(first_characters, item) if item.filled else None) or "").lstrip().partition("\n")[0]
+    return not line or re.fullmatch(r"(?:[-+\d.einfa\s]+[,;]){5}[-+\d.einfa\s]+", line.lower()) is not None
 
 
 def _kind_by_ending(item: Item) -> tuple[str | None, str]:
     """Return the plain format that the ending of a name stands for, or None, and the ending."""
     ending = PurePosixPath(unpacked_name(item.path)).suffix.lower()
+    if ending[1:].isdigit():
+        return "csv", ending
     return next((kind for kind, endings in FORMATS.items() if ending in endings), None), ending
 
 
@@ -312,7 +322,7 @@ def _recognised_by_ending(item: Item, spec: SourceSpec, files: Files) -> DataSet
     """Return the plain format that an ending stands for; among several files a .txt may be anything."""
     kind, ending = _kind_by_ending(item)
     unclear = kind == "csv" and ending not in _RECORDED and files.several
-    return None if kind is None or unclear else plain(kind, spec, (ending,))
+    return None if kind is None or unclear else plain(kind, spec, DIGITS if ending[1:].isdigit() else (ending,))
 
 
 def _nothing(paths: list[str], seen: Mapping[str, str]) -> str:
@@ -359,13 +369,10 @@ def _recognised_by_content(item: Item, spec: SourceSpec, files: Files, seen: dic
         except ReaderError as error:
             seen |= {item.path: str(error).removeprefix(f"{item.path}: ")} if len(seen) < _MAX_SEEN else {}
             return None
-    if (
-        kind == "csv"
-        and _is_named_as("xjtu_sy", item, files)
-        and _XJTU_HEADER in (_asked(first_characters, item) or "")
-    ):
+    is_named = kind == "csv" and _is_named_as("xjtu_sy", item, files)
+    if is_named and _XJTU_HEADER in (_asked(first_characters, item) or ""):
         return DATA_SETS["xjtu_sy"]
-    return plain(kind, spec, (ending,))
+    return plain(kind, spec, DIGITS if ending[1:].isdigit() else (ending,))
 
 
 def _asked(function: Callable[[bytes, str], Any], item: Item) -> Any:
