@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Unpack
 
 import numpy as np
@@ -12,7 +13,8 @@ from models.machine.bearing import Bearing
 from models.words.errors import WrongInputError
 from monitor.health.name.naming import Naming
 from monitor.health.record import Record
-from monitor.health.signal.transform import BlockTransform
+from monitor.health.signal.differentiate import USUAL_LIMIT, acceleration_of
+from monitor.health.signal.transform import MIN_SAMPLES, BlockTransform
 from monitor.pipeline import Pipeline, SourceOutput
 from monitor.records.dataset import to_dataset
 from monitor.records.filing import Filing, Stored
@@ -22,7 +24,7 @@ from spallwatch._arguments import SOURCE, Tacho, configuration, plain_names, wit
 from spallwatch.recordings import to_signal
 from spallwatch.records import readable
 from streams.turns.pulses import Pulses
-from streams.types.block import Block
+from streams.types.block import VELOCITY, Block
 
 _LEDGER = (
     *("source", "name", "content_hash", "status", "flags", "reason", "events", "sequence"),
@@ -48,12 +50,12 @@ def spectrum(
         rate_hz, unit: see ``to_signal``, for plain samples.
 
     Returns:
-        Dimensions (channel, frequency); m/s2 and Hz.
+        Dimensions (channel, frequency); Hz, and m/s2, or m/s of a velocity.
 
     Raises:
         SignalError: a sample is not finite, or the signal is shorter than 64 samples.
     """
-    given = signal_of(signal, rate_hz, unit)
+    given = signal_of(signal, rate_hz, unit, differentiated=False)
     rows = _transformed(given, ())
     amplitude = np.stack([found.raw.amplitude for found in rows])
     return _over_frequency(given, amplitude, rows[0].raw.resolution, "amplitude of the spectrum")
@@ -69,7 +71,7 @@ def envelope_spectrum(
     """Return the amplitude spectrum of the envelope of a band, its mean removed (Gabrielli's thesis, Eqs. 94-95).
 
     Args:
-        signal, rate_hz, unit: as in ``spectrum``.
+        signal, rate_hz, unit: as in ``spectrum``; a velocity is differentiated up to its ``sensor_max_hz``.
         band_hz: lowest and highest frequency that is demodulated.
 
     Returns:
@@ -77,9 +79,12 @@ def envelope_spectrum(
         an amplitude over it is a depth of modulation.
 
     Raises:
-        SignalError: as ``spectrum``, or the band does not fit below half of the sampling rate.
+        SignalError: as ``spectrum``, or the band does not fit below half of the sampling rate or ``sensor_max_hz``.
     """
     given = signal_of(signal, rate_hz, unit)
+    if band_hz[1] > given.attrs.get("sensor_max_hz", math.inf):
+        limit = given.attrs["sensor_max_hz"]
+        raise SignalError(f"band_hz: up to {band_hz[1]:g} Hz, the sensor of velocity has sensor_max_hz = {limit:g}")
     envelopes = [found.envelopes[0] for found in _transformed(given, (band_hz,))]
     amplitude = np.stack([envelope.amplitude for envelope in envelopes])
     found = _over_frequency(given, amplitude, envelopes[0].resolution, "amplitude of the envelope spectrum")
@@ -109,7 +114,7 @@ def features(
         speed_hz: of the shaft; by default what the recording states.
         load_newton: radial load.
         band_hz: that is demodulated; by default the best of several for this signal.
-        rms_band_hz: band of RMS and A*, by default all frequencies.
+        rms_band_hz: band of RMS and A*, by default all frequencies, of a velocity those up to ``sensor_max_hz``.
         speed_exact: whether the speed is that of a tacho or a controlled drive; otherwise it is sought around it.
         tacho: ``tacho_channel`` or ``pulse_times_s``, and ``pulses_per_revolution``, where the speed varies within the
             signal: lines are then those of the spectrum over the angle of the shaft (``domain`` is "order").
@@ -123,7 +128,7 @@ def features(
         PulsesError: the pulses do not go with the signal.
         ConfigError: an argument is not allowed.
     """
-    given = signal_of(signal, rate_hz, unit)
+    given = signal_of(signal, rate_hz, unit, differentiated=False)
     given, pulses = with_pulses(given, tacho)
     record = _analysed(given, pulses, bearing, speed_hz, load_newton, band_hz, rms_band_hz, speed_exact).record
     dataset = readable(to_dataset([_stored(record)], dated=False, attributes={})).isel(time=0, drop=True)
@@ -156,7 +161,7 @@ def name_fault(
     Raises:
         SignalError: also a signal of several channels.
     """
-    given = signal_of(signal, rate_hz, unit)
+    given = signal_of(signal, rate_hz, unit, differentiated=False)
     given, pulses = with_pulses(given, tacho)
     refuse_several(given, "name_fault takes one channel, the signal has")
     output = _analysed(given, pulses, bearing, speed_hz, None, band_hz, None, speed_exact)
@@ -165,19 +170,34 @@ def name_fault(
     return naming
 
 
-def signal_of(signal: xr.DataArray | ArrayLike, rate_hz: float | None, unit: str | None) -> xr.DataArray:
-    """Return a signal in the form of ``to_signal``."""
+def signal_of(
+    signal: xr.DataArray | ArrayLike, rate_hz: float | None, unit: str | None, *, differentiated: bool = True
+) -> xr.DataArray:
+    """Return a signal in the form of ``to_signal``; of a velocity its acceleration, where it is ``differentiated``."""
     if not isinstance(signal, xr.DataArray):
         if rate_hz is None or unit is None:
-            raise SignalError('plain samples: give rate_hz and unit="g", "m/s2" or "unknown"')
-        return to_signal(signal, rate_hz=rate_hz, unit=unit)
-    if "rate_hz" not in signal.attrs or signal.attrs.get("units") not in ("m s-2", "unknown"):
+            raise SignalError('plain samples: give rate_hz and unit="g", "m/s2", "mm/s" or "unknown"')
+        signal, rate_hz, unit = to_signal(signal, rate_hz=rate_hz, unit=unit), None, None
+    if "rate_hz" not in signal.attrs or signal.attrs.get("units") not in ("m s-2", "m s-1", "unknown"):
         raise SignalError("signal: expected an array of read or to_signal, with attributes rate_hz and units m s-2")
     if rate_hz is not None or unit is not None:
         raise SignalError("rate_hz and unit are for plain samples; the signal states its own")
     # A channel that was selected by name alone has no dimension any more.
     given = signal.expand_dims("channel") if "channel" not in signal.dims else signal
-    return given.transpose("channel", "time")
+    given = given.transpose("channel", "time")
+    return _differentiated(given) if differentiated and given.attrs["units"] == "m s-1" else given
+
+
+def _differentiated(velocity: xr.DataArray) -> xr.DataArray:
+    """Return the acceleration up to ``sensor_max_hz`` of a velocity; SignalError for a sample that is not finite."""
+    rate, limit = velocity.attrs["rate_hz"], velocity.attrs.get("sensor_max_hz", USUAL_LIMIT)
+    if velocity.sizes["time"] < MIN_SAMPLES or not np.isfinite(velocity.values).all():
+        raise SignalError(f"signal: expected at least {MIN_SAMPLES} samples, all of them finite")
+    rows = [acceleration_of(row, rate, limit) for row in velocity.values]
+    found = velocity.copy(data=np.stack(rows)).rename("acceleration")
+    named = {"units": "m s-2", "long_name": f"acceleration up to {limit:g} Hz, differentiated", "sensor_max_hz": limit}
+    found.attrs |= named
+    return found
 
 
 def refuse_several(signal: xr.DataArray, reason: str) -> None:
@@ -218,11 +238,19 @@ def _analysed(
     speed_exact: bool,
 ) -> SourceOutput:
     """Take a signal through the stages as the only block of a source."""
-    unit = "m/s2" if signal.attrs["units"] == "m s-2" else "unknown"
+    unit, scale = {"m s-2": ("m/s2", 1.0), "m s-1": (VELOCITY, 1e3)}.get(signal.attrs["units"], ("unknown", 1.0))
+    limit = signal.attrs.get("sensor_max_hz") if unit == VELOCITY else None
     names = plain_names([str(name) for name in signal.channel.values])
     config = configuration(
         [
-            {"name": name, "unit": unit, "band_hz": None if band is None else [list(band)], "rms_band_hz": rms_band}
+            {
+                "name": name,
+                "unit": unit,
+                "scale": None if scale == 1.0 else scale,
+                "sensor_max_hz": limit,
+                "band_hz": None if band is None else [list(band)],
+                "rms_band_hz": rms_band,
+            }
             for name in names
         ],
         bearing=bearing,

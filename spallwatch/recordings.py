@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.words.errors import WrongInputError
 from monitor.health.block_time import TimedBlock, timed
+from monitor.health.signal.differentiate import USUAL_LIMIT
 from monitor.health.signal.quality import OrderState, check_samples
 from streams.dates.best import latest_of
 from streams.dates.stating import stamp_doubt
@@ -27,7 +28,7 @@ from streams.files.datasets import DATA_SETS
 from streams.files.statements import known_unit, multiple_of
 from streams.files.survey import Survey, survey
 from streams.open import open_source
-from streams.types.block import Block, Rejected, to_si
+from streams.types.block import VELOCITY, Block, Rejected, to_si
 from streams.types.samples import ReaderError
 from streams.types.spec import DEFAULT_BLOCK_SECONDS, ChannelSpec, SourceError, SourceSpec
 from streams.types.stamps import utc_text
@@ -35,6 +36,12 @@ from streams.types.stamps import utc_text
 _NAME = "recording"
 _MAX_KEPT_SAMPLES = 1 << 20
 """Of a block whose coordinates are kept for the next one."""
+_QUANTITIES = {
+    "m/s2": ("m s-2", "acceleration"),
+    "m/s": ("m s-1", "velocity"),
+    "unknown": ("unknown", "vibration in an unknown unit"),
+}
+"""Units and name of a signal by its unit in SI."""
 
 
 class RecordingError(WrongInputError):
@@ -54,7 +61,7 @@ class Reading(TypedDict, total=False):
 
     Attributes:
         channels: names of the columns or variables that are taken, by default all of vibration or a tacho.
-        unit: of all channels: "g", "m/s2", "V" or "unknown", or a multiple such as "mV".
+        unit: of all channels: "g", "m/s2", "V", "unknown" or "mm/s" of a velocity, or a multiple such as "mV".
         sensitivity_mv_per_g: of the sensors, for "V".
         scale: factor from the stored numbers to ``unit``.
         rate_hz: sampling rate.
@@ -68,6 +75,7 @@ class Reading(TypedDict, total=False):
             by default told by their names.
         pulses: name of the array with the times of a tacho's pulses, or of the text file beside each file.
         disregard: keys in the files that are not believed, where they contradict others.
+        sensor_max_hz: of sensors of velocity, up to which acceleration is their derivative, by default 2000 Hz.
     """
 
     channels: Sequence[str]
@@ -85,6 +93,7 @@ class Reading(TypedDict, total=False):
     files: str | Sequence[str]
     pulses: str
     disregard: Sequence[str]
+    sensor_max_hz: float
 
 
 def to_signal(samples: ArrayLike, *, rate_hz: float, unit: str, channels: Sequence[str] | None = None) -> xr.DataArray:
@@ -93,11 +102,12 @@ def to_signal(samples: ArrayLike, *, rate_hz: float, unit: str, channels: Sequen
     Args:
         samples: shape (sample,) or (channel, sample).
         rate_hz: sampling rate.
-        unit: "g", "m/s2", or "unknown"; a signal in an unknown unit has names and ratios, but no levels.
+        unit: "g", "m/s2", "mm/s" of a velocity, or "unknown": such a signal has names and ratios, but no levels.
         channels: names of the channels.
 
     Returns:
-        Dimensions (channel, time), in m/s2; ``time`` in s from the first sample.
+        Dimensions (channel, time), in m/s2, or m/s with the attribute ``sensor_max_hz`` (2000; up to which acceleration
+        is its derivative); ``time`` in s from the first sample.
 
     Raises:
         RecordingError: another shape, number of names, rate or unit.
@@ -113,8 +123,8 @@ def to_signal(samples: ArrayLike, *, rate_hz: float, unit: str, channels: Sequen
         raise RecordingError(f"channels: expected {len(values)} names, got {len(names)}: {', '.join(names)}")
     if not (np.isfinite(rate_hz) and rate_hz > 0.0):
         raise RecordingError(f"rate_hz: expected a positive number, got {rate_hz!r}")
-    if unit not in ("g", "m/s2", "unknown"):
-        raise RecordingError(f"unit: expected g, m/s2 or unknown, got {unit!r}")
+    if unit not in ("g", "m/s2", "unknown", VELOCITY):
+        raise RecordingError(f"unit: expected g, m/s2, mm/s or unknown, got {unit!r}")
     converted, si_unit = to_si(values if values.dtype.kind == "f" else values.astype(np.float64), unit)
     return _array(converted, names, rate_hz, si_unit)
 
@@ -127,8 +137,8 @@ def read(path: str | PathLike[str], **how: Unpack[Reading]) -> xr.DataArray:
         how: see ``Reading``.
 
     Returns:
-        Dimensions (channel, time), in m/s2; ``time`` in s from the first sample; attributes ``rate_hz``, and
-        ``start_utc``, ``speed_hz``, ``load_newton`` where the file states them, ``time_source`` and
+        Dimensions (channel, time), in m/s2, or of a velocity m/s; ``time`` in s from the first sample; attributes
+        ``rate_hz``, and ``start_utc``, ``speed_hz``, ``load_newton`` where the file states them, ``time_source`` and
         ``time_uncertainty_s`` of the start, ``time_stated_utc`` where it is another one that is not believed,
         ``pulse_times_s`` where it has pulses, ``left_out`` with the names of rows that are no vibration.
 
@@ -315,9 +325,9 @@ def _signal_of(block: Block, placed: TimedBlock, how: Reading) -> xr.DataArray:
         units.append(si_unit)
     if len(set(units)) > 1:
         both = ", ".join(f"{name}: {unit}" for name, unit in zip(block.channels, block.units, strict=True))
-        raise RecordingError(f"{block.name}: channels of known and unknown units ({both}); choose some with channels=")
+        raise RecordingError(f"{block.name}: channels of several quantities ({both}); choose some with channels=")
     for name, values, unit in zip(block.channels, rows, units, strict=True):
-        verdict = check_samples(values, absolute=unit != "unknown")
+        verdict = check_samples(values, absolute=unit == "m/s2")
         if {verdict.status, *verdict.flags} & {"nan", "filled", "out_of_range"}:
             warnings.warn(f"{block.name}: {name}: {verdict.reason}", LostSamplesWarning, stacklevel=3)
     judged, start = placed.judged, placed.block.start
@@ -326,6 +336,8 @@ def _signal_of(block: Block, placed: TimedBlock, how: Reading) -> xr.DataArray:
         warnings.warn(f"{block.name}: {doubt}", DoubtedTimeWarning, stacklevel=3)
     found = _array(np.stack(rows), block.channels, block.rate, units[0])
     found.attrs |= {"name": block.name, "sequence": block.sequence}
+    if "sensor_max_hz" in found.attrs and "sensor_max_hz" in how:
+        found.attrs["sensor_max_hz"] = float(how["sensor_max_hz"])
     stated = {
         "start_utc": None if start is None else datetime.fromtimestamp(start, UTC).isoformat(),
         "time_source": judged.source,
@@ -351,16 +363,14 @@ def _array(values: NDArray[np.floating], channels: Sequence[str], rate: float, u
 def _axes(channels: tuple[str, ...], length: int, rate: float, unit: str) -> xr.DataArray:
     """Return zeros with the coordinates and attributes of a signal, of which blocks of one kind have the same."""
     time = xr.Variable("time", np.arange(length) / rate, {"units": "s", "long_name": "time"})
+    units, long_name = _QUANTITIES[unit]
     return xr.DataArray(
         np.broadcast_to(0.0, (len(channels), length)),
         dims=("channel", "time"),
         coords={"channel": list(channels), "time": time},
-        name="acceleration",
-        attrs={
-            "units": "m s-2" if unit == "m/s2" else unit,
-            "long_name": "acceleration" if unit == "m/s2" else "vibration in an unknown unit",
-            "rate_hz": float(rate),
-        },
+        name="velocity" if unit == "m/s" else "acceleration",
+        attrs={"units": units, "long_name": long_name, "rate_hz": float(rate)}
+        | ({"sensor_max_hz": USUAL_LIMIT} if unit == "m/s" else {}),
     )
 
 
@@ -377,8 +387,8 @@ def _in_words_of_calls(text: str) -> str:
     for keys, words in (
         (f"[[source]] {_NAME}: url: ", ""),
         (f"[[source]] {_NAME}: ", ""),
-        ("give [[channel]] unit", 'give unit="g", "m/s2", "V" or "unknown"'),
-        ("a [[channel]] with its unit is missing", 'unit is missing (unit="g", "m/s2", "V" or "unknown")'),
+        ("give [[channel]] unit", 'give unit="g", "m/s2", "mm/s", "V" or "unknown"'),
+        ("a [[channel]] with its unit is missing", 'unit is missing (unit="g", "m/s2", "mm/s", "V" or "unknown")'),
         ("[[channel]] ", ""),
         ("[[source]] ", ""),
     ):

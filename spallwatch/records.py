@@ -174,7 +174,7 @@ def _configured(
     titles = list(how.get("channels", there))
     units = [how.get("unit", there.get(title)) for title in titles]
     if missing := [title for title, unit in zip(titles, units, strict=True) if unit is None]:
-        expected = 'expected unit="g", "m/s2", "V" or "unknown"'
+        expected = 'expected unit="g", "m/s2", "mm/s", "V" or "unknown"'
         raise RecordsError(f"{fspath(path)}: states no unit of {', '.join(missing)}; {expected}")
     given: Mapping[str, Any] = {**how}
     scaling = {key: given.get(key) for key in ("scale", "sensitivity_mv_per_g")}

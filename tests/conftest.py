@@ -6,6 +6,7 @@ import functools
 import gc
 import hashlib
 import importlib.util
+import math
 import multiprocessing.process
 import os
 import shutil
@@ -262,13 +263,14 @@ def kept_band_choices() -> Iterator[None]:
         fundamentals: Mapping[str, float],
         interference: Sequence[Any] = (),
         rotations: Sequence[Any] = (),
+        limit: float = math.inf,
     ) -> Any:
         if any(rotation is not None for rotation in rotations):
-            return find_band(blocks, rate, fundamentals, interference, rotations)
+            return find_band(blocks, rate, fundamentals, interference, rotations, limit)
         digests = tuple((block.dtype.str, hashlib.sha256(block.tobytes()).hexdigest()) for block in blocks)
-        key = (digests, rate, tuple(fundamentals.items()), tuple(interference))
+        key = (digests, rate, tuple(fundamentals.items()), tuple(interference), limit)
         if key not in choices:
-            choices[key] = find_band(blocks, rate, fundamentals, interference)
+            choices[key] = find_band(blocks, rate, fundamentals, interference, limit=limit)
         return choices[key]
 
     with pytest.MonkeyPatch.context() as patch:

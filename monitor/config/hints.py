@@ -8,6 +8,8 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from streams.files.statements import multiple_of
+
 _CONVERSIONS: dict[str, tuple[str, float]] = {
     "rpm": ("hz", 1 / 60),
     "upm": ("hz", 1 / 60),
@@ -96,19 +98,7 @@ TABLES = (
     "gear.fault",
 )
 """Sections that are arrays of tables."""
-_UNITS = {
-    "mv": ("V", 1e-3),
-    "mg": ("g", 1e-3),
-    "mm/s2": ("m/s2", 1e-3),
-    "mm/s^2": ("m/s2", 1e-3),
-    "mm/s²": ("m/s2", 1e-3),
-    "um/s2": ("m/s2", 1e-6),
-    "in/s2": ("m/s2", 0.0254),
-    "ft/s2": ("m/s2", 0.3048),
-    "gal": ("m/s2", 0.01),
-}
-"""Units that a scale turns into one of the configuration."""
-_VELOCITIES = {"mm/s", "m/s", "in/s", "ips", "um", "mm", "µm", "pa", "n", "db"}
+_OTHER_UNITS = {"um", "mm", "µm", "mil", "pa", "n", "db"}
 _SPOKEN = re.compile(r"\s*([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ°/²2]*)\s*")
 
 
@@ -202,12 +192,12 @@ def wrong_value(section: str, key: str, value: Any) -> str:
 
 
 def _unit_hint(unit: str) -> str:
-    scaled = _UNITS.get(unit.strip().lower())
-    if scaled is not None:
-        line = f'write unit = "{scaled[0]}" and scale = {scaled[1]:g}'
-        return line + (" with sensitivity_mv_per_g" if scaled[0] == "V" else "")
-    if unit.strip().lower() in _VELOCITIES:
-        return 'not a unit of acceleration; "unknown" serves naming and relative trends'
+    own, factor = multiple_of(unit.strip())
+    if factor != 1.0:
+        line = f'write unit = "{own}" and scale = {factor:g}'
+        return line + (" with sensitivity_mv_per_g" if own == "V" else "")
+    if unit.strip().lower() in _OTHER_UNITS:
+        return 'not a unit of acceleration or velocity; "unknown" serves naming and relative trends'
     return ""
 
 

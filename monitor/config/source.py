@@ -10,8 +10,10 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, field_validator, model_validator
 
 from monitor.config.fields import Band, Blocks, ConfigSection, Name, NotNegative, Positive, Scale
+from monitor.health.signal.differentiate import USUAL_LIMIT
 from monitor.health.signal.quality import bands_above_nyquist
 from streams.files.statements import known_unit
+from streams.types.block import VELOCITY
 from streams.types.spec import UNITS, NetworkSpec, SourceSpec, dating_problem, files_problem, pulses_problem
 
 _DATING_KEYS = ("time_from", "time_name", "interval_s", "date_order")
@@ -175,8 +177,12 @@ class ChannelSection(ConfigSection):
     source: Name
     column: int | str | None = None
     key: str | None = None
-    unit: Literal["g", "m/s2", "V", "unknown"]
+    unit: Literal["g", "m/s2", "V", "unknown", "mm/s"]
     sensitivity_mv_per_g: Positive | None = None
+    sensor_max_hz: Annotated[
+        Positive | None,
+        Field(description="of a velocity, mm/s: up to which acceleration is its derivative; default 2000"),
+    ] = None
     scale: Scale | None = None
     bearing: Name
     band_hz: tuple[Band, ...] | Literal["auto"] = "auto"
@@ -206,6 +212,8 @@ class ChannelSection(ConfigSection):
     def _consistent(self) -> Self:
         if (self.unit == "V") != (self.sensitivity_mv_per_g is not None):
             raise ValueError('sensitivity_mv_per_g belongs to unit = "V", and "V" needs it')
+        if self.sensor_max_hz is not None and not self.measures_velocity:
+            raise ValueError(f'sensor_max_hz belongs to unit = "{VELOCITY}", a sensor of velocity')
         if self.column is not None and self.key is not None:
             raise ValueError("give column or key, not both")
         if self.band_hz == ():
@@ -218,7 +226,22 @@ class ChannelSection(ConfigSection):
         for key, (low, high) in bands:
             if low >= high:
                 raise ValueError(f"{key}: the lower edge {low:g} Hz must be below the upper edge {high:g} Hz")
+            if self.sensor_max_hz is not None and high > self.sensor_max_hz:
+                raise ValueError(f"{key}: the upper edge {high:g} Hz is above sensor_max_hz = {self.sensor_max_hz:g}")
         return self
+
+    @property
+    def measures_velocity(self) -> bool:
+        """Whether its sensor measures a velocity."""
+        return self.unit == VELOCITY
+
+    @property
+    def velocity_limit(self) -> float:
+        """Frequency up to which acceleration is the derivative of a velocity, Hz: stated, or to hold the bands."""
+        if self.sensor_max_hz is not None:
+            return self.sensor_max_hz
+        edges = [band[1] for band in (*self._bands, *filter(None, [self.rms_band_hz]))]
+        return max(USUAL_LIMIT, *edges) if edges else USUAL_LIMIT
 
     @property
     def maps(self) -> tuple[Path, ...]:

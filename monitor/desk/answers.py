@@ -23,7 +23,7 @@ _GEOMETRY = re.compile(r"[;,]\s*|\s+")
 _VOLTS = re.compile(
     rf"\s*{_NUMBER}\s*(mv|v)\b[\s,;at@]*(?:{_NUMBER}\s*(mv|v)\s*(?:/|per)\s*(g|\(?m/s\^?[2²]\)?))?\s*", re.IGNORECASE
 )
-_LEVEL = re.compile(rf"\s*{_NUMBER}\s*(g|m/s\^?[2²])\s*", re.IGNORECASE)
+_LEVEL = re.compile(rf"\s*{_NUMBER}\s*(g|mm/s|m/s\^?[2²])\s*", re.IGNORECASE)
 _RATE = re.compile(rf"\s*{_NUMBER}\s*(hz|khz|1/s|s/s)?\s*", re.IGNORECASE)
 _STANDARD_GRAVITY = 9.80665
 
@@ -232,7 +232,8 @@ def read_full_scale(text: str) -> dict[str, Any]:
     match = _LEVEL.fullmatch(text)
     if match is None or _number(match[1]) <= 0.0:
         raise ValueError(f"expected a level such as 50 g, 500 m/s2 or 10 V at 100 mV/g, or unknown; got {text!r}")
-    return {"unit": "g" if match[2].lower() == "g" else "m/s2", "scale": _number(match[1])}
+    unit = match[2].lower()
+    return {"unit": unit if unit in ("g", "mm/s") else "m/s2", "scale": _number(match[1])}
 
 
 def read_start(text: str) -> dict[str, Any]:

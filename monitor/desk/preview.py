@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from models.machine.bearing import kinematics
 from monitor.desk.answers import bearing_of, channel_names
 from monitor.desk.desk import ImportDesk
+from monitor.desk.questions import unit_of
 from monitor.desk.text import Draft, level_in_g, scale_of
 from monitor.words.parts import PARTS
 from streams.files.survey import SurveyedRow
+from streams.types.block import VELOCITY
 
 N_LINES = 5
 """Lines of each part that are shown."""
@@ -42,7 +44,7 @@ class ChannelPreview:
 
     Attributes:
         bearing: its name for people.
-        unit: "g", or "" where the unit does not give the level, which is then in stored numbers.
+        unit: "g", "mm/s" of a velocity, or "" where the unit does not give the level, in stored numbers then.
         rms: without the mean, ``peak`` the largest magnitude.
         lines: the first lines of each part of the bearing, Hz, empty where the speed is not known.
         signal: the first second, ``spectrum`` of the amplitude over all of the file, at most 2^18 samples.
@@ -81,7 +83,7 @@ def _channels(desk: ImportDesk, draft: Draft, points: int) -> Iterator[ChannelPr
         yield ChannelPreview(
             name=name,
             bearing="" if bearing is None else bearing.designation or "by its geometry",
-            unit="" if level_in_g(row, draft) is None else "g",
+            unit=VELOCITY if unit_of(row, desk.answers) == VELOCITY else "" if level_in_g(row, draft) is None else "g",
             rms=level.rms,
             peak=level.peak,
             lines=lines,

@@ -295,7 +295,7 @@ def _unit_words(rows: Sequence[SurveyedRow]) -> str:
     unlikely = [
         f"{unit}: {found[0].came.partition(': ')[0]}." for unit in ("g", "m/s2") if (found := doubts(level, unit))
     ]
-    return " ".join([text, *(f"If {words}" for words in unlikely), "Answer g, m/s2, mV, V, or unknown."])
+    return " ".join([text, *(f"If {words}" for words in unlikely), "Answer g, m/s2, mm/s, mV, V, or unknown."])
 
 
 def name_readings(survey: Survey, zone: str, now: float) -> list[NameReading]:

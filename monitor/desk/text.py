@@ -13,9 +13,11 @@ from pathlib import Path
 from monitor.desk.answers import Answers, bearing_of, bearing_sections, channel_names
 from monitor.desk.questions import needs_scale, speed_factor, speed_row, tacho_of, unit_of
 from monitor.health.onset.state import DetectSettings
+from monitor.health.signal.differentiate import USUAL_LIMIT
 from streams.files.plausible import SignalLevel, of_one_g
 from streams.files.recognise import FORMATS, as_pattern
 from streams.files.survey import Survey, SurveyedRow
+from streams.types.block import VELOCITY
 from streams.types.listing import shown, unpacked_name
 from streams.types.samples import COUNTS, FRACTIONS
 
@@ -236,12 +238,16 @@ def _channels(draft: Draft) -> Iterator[str]:
         unit = unit_of(row, draft.answers) or ("g" if draft.answers.range_g is not None else "unknown")
         level = level_in_g(row, draft)
         yield from ("", "[[channel]]")
-        yield _pair("name", name, "" if level is None else f"RMS {level.rms:.3g} g in {draft.survey.first}")
+        factor = scale_of(row, draft) or 1.0
+        words = f"{factor * row.level.rms:.3g} {unit}" if unit == VELOCITY else level and f"{level.rms:.3g} g"
+        yield _pair("name", name, f"RMS {words} in {draft.survey.first}" if words else "")
         yield _pair("source", _SOURCE)
         yield from _place(row, draft.survey)
         stated = row.unit not in (None, "unknown")
         of_file = f"the files state {row.written}" if stated else ""
         yield _pair("unit", unit, of_file)
+        if unit == VELOCITY:
+            yield _pair("sensor_max_hz", USUAL_LIMIT, "acceleration is differentiated up to here", off=True)
         if unit == "V" and draft.answers.sensitivity_mv_per_g is not None:
             yield _pair("sensitivity_mv_per_g", draft.answers.sensitivity_mv_per_g)
         scale = scale_of(row, draft)

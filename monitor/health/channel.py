@@ -41,7 +41,22 @@ def check_channel(
     settings: ChannelSettings,
     span: tuple[float, float] | None = None,
 ) -> Verdict:
-    """Check the samples of one channel, shape (sample,), against its settings and its learned level."""
+    """Check the samples of one channel, shape (sample,), against its settings and its learned level.
+
+    Those of a sensor of velocity are checked for its faults alone; its level is that of the acceleration.
+    """
+    if settings.measures_velocity:
+        return check_samples(samples, expected=settings.samples, absolute=False, span=span)
+    return check_level(samples, state, settings, span)
+
+
+def check_level(
+    samples: NDArray[np.floating],
+    state: ChannelState,
+    settings: ChannelSettings,
+    span: tuple[float, float] | None = None,
+) -> Verdict:
+    """Check the acceleration of one channel, shape (sample,), against its settings and its learned level."""
     return check_samples(
         samples,
         expected=settings.samples,
@@ -131,7 +146,7 @@ def conclude(
     named = None if naming is None else _named(naming, block.sequence)
     state, found = later_stages(state, block, settings, analysed.detected, harmonics, named)
     if verdict.for_baseline and band_source == "provisional":
-        state = _vote(state, block, analysed.settings)
+        state = _vote(state, block, analysed.settings, settings.band_limit)
     return state, ChannelOutput(
         block,
         settings,
@@ -156,13 +171,14 @@ def _bands(
         return settings.bands, "configured"
     if state.bands:
         return state.bands, state.band_source
-    return (candidate_bands(rate, max(lines.bpfo, lines.bpfi, 2.0 * lines.bsf))[0],), "provisional"
+    highest = max(lines.bpfo, lines.bpfi, 2.0 * lines.bsf)
+    return (candidate_bands(rate, highest, settings.band_limit)[0],), "provisional"
 
 
-def _vote(state: ChannelState, block: ChannelBlock, asked: FeatureSettings) -> ChannelState:
+def _vote(state: ChannelState, block: ChannelBlock, asked: FeatureSettings, limit: float) -> ChannelState:
     """Count the vote of one of the first blocks for a band; fix the band once there are enough votes."""
     votes = (state.votes or BandVotes()).add(
-        block.samples, block.rate, asked.fundamentals, asked.interference, asked.rotation
+        block.samples, block.rate, asked.fundamentals, asked.interference, asked.rotation, limit
     )
     if votes.enough:
         return replace(state, votes=None, bands=(votes.best(),), band_source="learning", spectra=RecentSpectra())

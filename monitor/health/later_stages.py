@@ -58,6 +58,7 @@ def track(
         closed=detection.closed is not None,
         usable=block.for_fit,
         absolute=settings.absolute,
+        broadband=not settings.measures_velocity,
         fault=None if state.named is None else state.named.parts,
         baseline=state.detect.reference_rms,
         since_t_fs=_since(state.detect.t_fs, block.time),

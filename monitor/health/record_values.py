@@ -21,9 +21,10 @@ from monitor.health.signal.features import SPECTRUM_LINES, BlockFeatures, fundam
 from monitor.health.signal.orders import MAX_SPEED_RATIO
 from monitor.health.signal.rotation.rotation import Rotation
 from monitor.health.signal.rotation.shaft_angle import FoundRotation
-from monitor.health.signal.velocity import NO_ABSOLUTE_LEVEL
+from monitor.health.signal.velocity import NO_ABSOLUTE_LEVEL, SENSOR_LIMIT, VELOCITY_BAND
 from monitor.health.signal.waterfall import SpectrumRow
 from monitor.health.size import Remaining
+from monitor.health.state import ChannelSettings
 from monitor.words.parts import FAULTS
 from monitor.words.zones import MAX_SPEED, MIN_SPEED
 from streams.types.block import Block
@@ -52,6 +53,7 @@ def record_values(
         "absolute_level": "yes" if output.settings.absolute else "no",
         "speed": None if output.features is None else block.speed.value,
         "load": None if output.features is None else block.load.value,
+        **_sensor_values(output.settings),
     }
     for name in ("t_fs", "t_fs_known", "t_eol"):
         mark = getattr(detector, name)
@@ -93,6 +95,12 @@ def record_values(
         values |= truth or {}
     values |= gear_values(output.gears)
     return {name: plain(value) for name, value in values.items()}
+
+
+def _sensor_values(settings: ChannelSettings) -> dict[str, Any]:
+    if not settings.measures_velocity:
+        return {}
+    return {"quantity": "velocity", "acceleration_limit": settings.velocity_limit}
 
 
 def _alarm_time_values(found: TimeToAlarm | None) -> dict[str, Any]:
@@ -140,12 +148,14 @@ def _feature_values(features: BlockFeatures, output: ChannelOutput) -> dict[str,
 
 
 def _velocity_values(features: BlockFeatures, output: ChannelOutput) -> dict[str, Any]:
-    """Return status and zone of the velocity; without the unit of the sensor, there is no velocity.
+    """Return status and zone of the velocity, which is none without the unit of the sensor, or beyond its range.
 
     Zones are for steady operation within the speeds that they judge, and for an undisturbed sensor.
     """
     if not output.settings.absolute:
         return {"velocity_rms": None, "velocity_floor": None, "velocity_status": NO_ABSOLUTE_LEVEL}
+    if output.settings.band_limit < VELOCITY_BAND[1]:
+        return {"velocity_rms": None, "velocity_floor": None, "velocity_status": SENSOR_LIMIT}
     found: dict[str, Any] = {"velocity_status": features.velocity.status}
     velocity, speed, judged = features.velocity.rms, output.block.speed.value, output.settings.machine_class
     if judged is not None and velocity is not None and speed is not None and output.block.verdict.for_tracker:

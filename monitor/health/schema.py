@@ -35,6 +35,7 @@ ROTATION_STATUSES = ("ok", "none", "too_few", "irregular", "reversed", "stopped"
 """Whether the angle of the shaft over a block is known, or why not."""
 LEVEL_STATUSES = ("ok", "outside_conditions")
 """Whether the learned dependence of the level on speed and load applies, or why not."""
+QUANTITIES = ("acceleration", "velocity")
 BAND_SOURCES = ("configured", "learning", "recording", "provisional")
 STATUSES = ("ok", *FLAGS[:7], *REJECTIONS, *FLAGS[7:])
 """The first seven flags stand before the rejections; what came later is appended."""
@@ -51,7 +52,7 @@ OPTIONAL_DIMENSIONS = frozenset({"band", "threshold", "gear"})
 _LINES = ("band", "fault", "harmonic")
 _SEARCH, _ONSET, _GEARS = "monitor/health/signal/lines.py", "monitor/health/onset", "monitor/health/gears"
 _CONDITION, _SHAFT = "monitor/health/signal/condition.py", "monitor/health/signal/shaft.py"
-_CLOCK = "streams/dates/clock.py"
+_CLOCK, _DERIVATIVE = "streams/dates/clock.py", "monitor/health/signal/differentiate.py"
 _TREND, _ZONES, _ORDERS = "monitor/health/rest/trend", "ISO 20816-3:2022, Tables A.1 and A.2", "docs/decisions/0021"
 _NO_YES = ("no", "yes")
 
@@ -160,6 +161,8 @@ _TABLE: tuple[Variable, ...] = (
         _float("load_sd", "standard deviation of load over the block", "N", "", _CONDITION),
         _flag("speed_source", CONDITION_SOURCES, "where speed comes from"),
         _flag("load_source", CONDITION_SOURCES, "where load comes from"),
+        _flag("quantity", QUANTITIES, "what the sensor measures; without it, an acceleration", _DERIVATIVE),
+        _float("acceleration_limit", "frequency up to which that of a velocity is known", "Hz", "", _DERIVATIVE),
         _flag("velocity_status", VELOCITY_STATUSES, "status of velocity_rms"),
         _flag("velocity_zone", ZONES, "zone of velocity_rms for the class of the machine", _ZONES),
         _flag("domain", DOMAINS, "spectra over time, or over the angle of the shaft, in Hz at the mean speed", _ORDERS),

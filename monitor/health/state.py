@@ -6,9 +6,13 @@ The state is frozen, versioned and writable as JSON. A store keeps its parts und
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from models.machine.bearing import KNOWN, Bearing, KinematicUncertainty
 from models.machine.rig import Calibration
@@ -24,6 +28,7 @@ from monitor.health.rest.trend import TrendState
 from monitor.health.signal.average import RecentSpectra
 from monitor.health.signal.bands import BandVotes
 from monitor.health.signal.condition import ConditionSettings
+from monitor.health.signal.differentiate import USUAL_LIMIT, acceleration_of
 from monitor.health.signal.interference import Interference
 from monitor.health.signal.quality import OrderState
 from monitor.health.signal.rotation.encoder import EncoderState
@@ -34,6 +39,7 @@ from monitor.health.size.filter.particle_filter import FilterState
 from monitor.health.size.library.forecaster import LibraryState
 from monitor.health.tracker import DamageSettings, DamageState
 from monitor.words.zones import MachineClass
+from streams.types.block import VELOCITY
 
 Stored = dict[str, dict[str, Any]]
 
@@ -44,10 +50,11 @@ class ChannelSettings:
 
     Attributes:
         listens_to: name of its bearing; all channels with this name are weighed together.
-        unit: of the samples: "g", "m/s2", "V" or "unknown".
+        unit: of the samples: "g", "m/s2", "V", "unknown", or "mm/s" of a sensor of velocity.
         scale: factor from the stored numbers to ``unit``.
         sensitivity_mv_per_g: of the sensor, for "V".
         signal_range: full scale, m/s2, or None where unknown.
+        velocity_limit: Hz up to which the acceleration of a sensor of velocity is known.
         samples: nominal samples of a block, or None where blocks have no nominal length.
         uncertainty: of the fault frequencies, by which the search of the families widens.
         bands: bands to demodulate, Hz, or None: chosen on the learning window.
@@ -69,6 +76,7 @@ class ChannelSettings:
     scale: float = 1.0
     sensitivity_mv_per_g: float | None = None
     signal_range: float | None = None
+    velocity_limit: float = USUAL_LIMIT
     samples: int | None = None
     uncertainty: KinematicUncertainty = KNOWN
     bands: tuple[Band, ...] | None = None
@@ -90,6 +98,25 @@ class ChannelSettings:
     def absolute(self) -> bool:
         """Whether the unit is known, so that levels in m/s2 have a meaning."""
         return self.unit != "unknown"
+
+    @property
+    def measures_velocity(self) -> bool:
+        """Whether accelerations are the derivative of a velocity, up to ``velocity_limit``."""
+        return self.unit == VELOCITY
+
+    @property
+    def si_unit(self) -> str:
+        """What ``to_si`` gives of the samples."""
+        return {"unknown": "unknown", VELOCITY: "m/s"}.get(self.unit, "m/s2")
+
+    @property
+    def band_limit(self) -> float:
+        """Frequency beyond which there is no acceleration, Hz."""
+        return self.velocity_limit if self.measures_velocity else math.inf
+
+    def acceleration_of(self, samples: NDArray[np.floating], rate: float) -> NDArray[np.floating]:
+        """Return samples (sample,) of a sensor of velocity differentiated, those of others as they are."""
+        return acceleration_of(samples, rate, self.velocity_limit) if self.measures_velocity else samples
 
 
 @dataclass(frozen=True)

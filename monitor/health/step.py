@@ -16,7 +16,7 @@ from typing import Any
 from monitor.health.alarms import AlarmAcknowledgement, AlarmInput, AlarmState, acknowledged
 from monitor.health.alarms import step as alarms_step
 from monitor.health.block_time import TimedBlock, timed
-from monitor.health.channel import analyse, check_channel, conclude
+from monitor.health.channel import analyse, check_channel, check_level, conclude
 from monitor.health.gears.stage import gears_step
 from monitor.health.later_stages import ChannelBlock
 from monitor.health.name.crosstalk import beside_neighbours
@@ -262,10 +262,14 @@ def _channel_block(
     unit = block.units[row]
     samples, si_unit = to_si(block.samples[row], unit, settings.scale, settings.sensitivity_mv_per_g)
     span = span_of(samples) if samples.size else None
-    if (si_unit == "m/s2") != settings.absolute:
+    if si_unit != settings.si_unit:
         verdict = rejected("wrong_unit", f"unit {unit!r}, configured is {settings.unit!r}")
     else:
         verdict = check_channel(samples, state, settings, span)
+    if settings.measures_velocity and verdict.accepted:
+        samples = settings.acceleration_of(samples, block.rate)
+        span = span_of(samples)
+        verdict = verdict if verdict.flags else check_level(samples, state, settings, span)
     condition = settings.condition
     others = {name: block.samples[block.channels.index(name)] for name in condition.channels if name in block.channels}
     usable = samples if verdict.accepted else None
@@ -328,8 +332,7 @@ def _spectra(
         if kind != "newest":
             # Over time the lines of a shaft of varying speed are no lines.
             combs = all_combs(channel.interference, row.speed if row.domain == "hertz" else None)
-            samples = block.samples[block.channels.index(name)]
-            row = replace(row, kurtogram=kurtogram(samples, block.rate, combs))
+            row = replace(row, kurtogram=kurtogram(output.block.samples, block.rate, combs))
             if not changes:
                 # The speed is that of the source: its first channel has it.
                 angle, tacho = angles[channel.condition], channel.condition.tacho

@@ -161,6 +161,7 @@ class DamageGate:
         closed: with this block the final stage closed again.
         usable: the quality of the block allows inversion.
         absolute: the unit of the channel is known.
+        broadband: its RMS is that of acceleration over all frequencies, as that of maps and libraries is.
         fault: the part that the envelope names, several joined by "|", or None.
         baseline: RMS of the healthy machine, in the unit of the blocks, or None.
         since_t_fs: time on the clock since t_fs, s, or None.
@@ -171,9 +172,17 @@ class DamageGate:
     closed: bool = False
     usable: bool = True
     absolute: bool = True
+    broadband: bool = True
     fault: str | None = None
     baseline: float | None = None
     since_t_fs: float | None = None
+
+    @property
+    def no_level(self) -> EdvStatus | None:
+        """Why the RMS of the channel is not one of maps and libraries, in any block, or None."""
+        if not self.absolute:
+            return EdvStatus.NO_ABSOLUTE_LEVEL
+        return None if self.broadband else EdvStatus.VELOCITY_SENSOR
 
 
 def part_of(fault: str | None, parts: Collection[Part]) -> Part | None:
@@ -197,10 +206,9 @@ def step(
 
     Where the final stage closes, the state begins anew: a later one is another growth.
     """
-    if gates.closed and (gates.absolute or settings.uses_learned):
+    if gates.closed and (gates.no_level is None or settings.uses_learned):
         void = (Remaining(threshold, TtStatus.EPISODE_CLOSED) for threshold in settings.thresholds)
-        status = EdvStatus.EPISODE_CLOSED if gates.absolute else EdvStatus.NO_ABSOLUTE_LEVEL
-        return DamageState(), Damage(status), tuple(void)
+        return DamageState(), Damage(gates.no_level or EdvStatus.EPISODE_CLOSED), tuple(void)
     gate = _gate(gates)
     # What is learned is relative to the healthy machine, so that it needs no unit.
     taken = gate is None or (settings.uses_learned and gates.final and gates.usable)
@@ -223,8 +231,8 @@ def step(
 
 def _gate(gates: DamageGate) -> EdvStatus | None:
     """Return the status that keeps the block from every method, or None."""
-    if not gates.absolute:
-        return EdvStatus.NO_ABSOLUTE_LEVEL
+    if gates.no_level is not None:
+        return gates.no_level
     if not gates.final:
         return EdvStatus.NOT_FINAL_STAGE
     return None if gates.usable else EdvStatus.BAD_BLOCK
@@ -304,7 +312,7 @@ def _track_by_library(
     state: DamageState, block: DamageInput, gate: EdvStatus | None, gates: DamageGate, settings: DamageSettings
 ) -> tuple[DamageState, Damage, tuple[Remaining, ...]]:
     """Track and forecast by the library; a block gated in the final stage leaves its history unchanged."""
-    if gate is not None and (gates.final or not gates.absolute) and settings.library is not None:
+    if gate is not None and (gates.final or gates.no_level is not None) and settings.library is not None:
         status = TtStatus.CANNOT_TELL if gates.final else TtStatus.NOT_FINAL_STAGE
         return state, Damage(gate), tuple(Remaining(threshold, status) for threshold in settings.thresholds)
     if gate is None and gates.fault is not None and part_of(gates.fault, _LIBRARY_PARTS) is None:
@@ -336,7 +344,7 @@ def _track_on_map(
     method: TrackMethod,
 ) -> tuple[DamageState, Damage]:
     """Track by the map of the named part; where that is another part than before, the trackers begin anew."""
-    if not settings.maps and gate is not EdvStatus.NO_ABSOLUTE_LEVEL:
+    if not settings.maps and gates.no_level is None:
         return state, Damage(EdvStatus.NO_MAP)
     if gate is not None:
         return state, Damage(gate)

@@ -54,6 +54,7 @@ _PROVENANCE = {
     "bearing": "bearing to which each channel listens",
     "calibrated": "rig calibrated on this machine",
     "rms_band_hz": "band of RMS (Hz)",
+    "velocity_sensors": "sensors of velocity",
     "iso_class": "class of the machine for the zones of velocity",
     "interference": "lines removed before the envelope",
     "track_method": "method of V_eq",

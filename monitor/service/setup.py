@@ -39,7 +39,7 @@ from streams.dates.dating import Dating
 from streams.files.container import Files
 from streams.open import open_source
 from streams.recording.state import ReadingState
-from streams.types.block import STANDARD_GRAVITY, Block
+from streams.types.block import STANDARD_GRAVITY, VELOCITY, Block
 from streams.types.source import Source
 from streams.types.spec import ChannelSpec, SourceError, SourceSpec
 
@@ -268,7 +268,7 @@ def _channel_settings(
     calibrated = calibration_of(config, channel, maps.values(), library)
     absolute_volume = calibrated is not False or not channel.track or config.forecast.uncalibrated_threshold
     damage = _damage_settings(config, maps, library, calibrated) if channel.track else None
-    if source.range_g is not None and channel.unit != "unknown":
+    if source.range_g is not None and channel.unit not in ("unknown", VELOCITY):
         signal_range = source.range_g * STANDARD_GRAVITY
     return ChannelSettings(
         name=channel.name,
@@ -279,6 +279,7 @@ def _channel_settings(
         scale=1.0 if channel.scale is None else channel.scale,
         sensitivity_mv_per_g=channel.sensitivity_mv_per_g,
         signal_range=signal_range,
+        velocity_limit=channel.velocity_limit,
         samples=samples,
         bands=None if channel.band_hz == "auto" else tuple(channel.band_hz),
         rms_band=channel.rms_band_hz,

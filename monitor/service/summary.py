@@ -144,12 +144,12 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
         "map_hash": listed(maps),
         "bearing": listed({name: channel.listens_to for name, channel in channels.items()}),
         "calibrated": _calibration_words(config, channels),
-        "rms_band_hz": listed(
-            {name: "full bandwidth" if band is None else f"{band[0]:g} to {band[1]:g}" for name, band in bands.items()}
-        ),
+        "rms_band_hz": listed({name: _band_words(channels[name], band) for name, band in bands.items()}),
         "track_method": listed({name: settings.track_method for name, settings in damage.items()}),
         "forecast_method": listed({name: settings.forecast_method for name, settings in damage.items()}),
     }
+    if velocities := {name: _derivative_words(one) for name, one in channels.items() if one.measures_velocity}:
+        attributes["velocity_sensors"] = listed(velocities)
     models = {name: ", ".join(found) for name, channel in channels.items() if (found := other_models(channel))}
     if models:
         # Another model than that of the casing, which older records do not name.
@@ -177,6 +177,16 @@ def run_attributes(config: Config, channels: Mapping[str, ChannelSettings]) -> d
             "learned_hash": listed({name: settings.learned.hash for name, settings in learned.items()}),
         }
     return attributes
+
+
+def _band_words(settings: ChannelSettings, band: tuple[float, float] | None) -> str:
+    if band is not None:
+        return f"{band[0]:g} to {band[1]:g}"
+    return f"0 to {settings.velocity_limit:g}" if settings.measures_velocity else "full bandwidth"
+
+
+def _derivative_words(settings: ChannelSettings) -> str:
+    return f"acceleration up to {settings.velocity_limit:g} Hz by differentiation"
 
 
 def _calibration_words(config: Config, channels: Mapping[str, ChannelSettings]) -> str:

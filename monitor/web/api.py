@@ -122,6 +122,7 @@ def channel(machine: WatchedMachine, name: str) -> dict[str, Any]:
         "source": section.source,
         "dated": is_dated(machine.store, section.source),
         "unit": "g" if absolute else "unknown",
+        "velocity_limit_hz": section.velocity_limit if section.measures_velocity else None,
         "timezone": config.machine.timezone,
         "bearing": {"name": section.bearing, **_bearing(bearing)},
         "orders": fundamentals(kinematics(bearing, 1.0)),

@@ -63,6 +63,8 @@ EDV_REFUSALS = {
     "implausible": "no growth of damage gives this vibration after what was measured before: the sensor or its "
     "gain may have changed, or something else vibrates",
     "not_this_part": "there is no RMS map or library of the part that is named",
+    "velocity_sensor": "the sensor measures a velocity: its acceleration is known in a band, not over all frequencies "
+    "as that of maps and libraries",
 }
 TT_REFUSALS = {
     "not_final_stage": "the bearing is not in the final stage of its life",
@@ -95,6 +97,7 @@ VELOCITY_REFUSALS = {
     "low_frequency_noise": "most of it would be a continuous part that rises towards low frequencies, where noise or "
     "drift of the sensor cannot be told from vibration",
     "no_absolute_level": "the unit of the sensor is not known",
+    "sensor_limit": "the sensor of velocity does not reach 1,000 Hz (sensor_max_hz)",
 }
 """Why no velocity is given."""
 ROTATION_REFUSALS = {

@@ -19,6 +19,7 @@ from streams.files.judge import Start, judge_rate, judge_start
 from streams.files.keys import SPEED_UNITS, UNIT_IN_NAME
 from streams.files.statements import StatedNumber, multiple_of
 from streams.files.time_column import UNITS_OF_TIME, TimeColumn, column_statements, time_column
+from streams.types.block import VELOCITY
 from streams.types.samples import DIGITAL, ReaderError, Samples
 from streams.types.spec import UNITS, ChannelSpec
 from streams.types.stamps import Stamp, utc_text
@@ -118,7 +119,7 @@ def kind_of(title: str, unit: str, values: NDArray[np.floating]) -> ColumnKind:
     if _LOADS.search(words) or unit in ("N", "kN"):
         return ColumnKind("load", "a load by its name or unit")
     if unit and not own:
-        return ColumnKind("other", f"is in {unit}, no unit of acceleration")
+        return ColumnKind("other", f"is in {unit}, no unit of acceleration or velocity")
     if _PROCESS.search(title.rpartition("/")[2]) or (not own and _OTHERS.search(words)):
         return ColumnKind("other", f"is called {name!r}, which is no vibration")
     return ColumnKind("vibration")
@@ -237,9 +238,13 @@ def kinds_of(
 
     A row that nothing names and that changes as a process value is vibration only where there is no other; without
     ``switches``, one of few levels is. Where no row is vibration by name and unit, those without a unit are that do not
-    run on.
+    run on. A velocity beside accelerations is most often their integral, and no sensor.
     """
     found = [kind_of(title, unit, row) for title, unit, row in zip(titles, units, rows, strict=True)]
+    own = {unit for kind, unit in zip(found, units, strict=True) if kind.kind == "vibration"}
+    if VELOCITY in own and own & {"g", "m/s2", "V"}:
+        integral = ColumnKind("other", f"is in {VELOCITY} beside accelerations: a velocity")
+        found = [integral if unit == VELOCITY else kind for kind, unit in zip(found, units, strict=True)]
     shapes = [
         _process_words(row, switches=switches) if kind.kind == "vibration" and not unit else None
         for kind, unit, row in zip(found, units, rows, strict=True)

@@ -10,6 +10,7 @@ UNITS = {
     "ms-2": "m/s2",
     "m.s-2": "m/s2", "m s^-2": "m/s2", "m*s^-2": "m/s2", "m·s⁻²": "m/s2", "m/s/s": "m/s2", "meters/second^2": "m/s2",
     "v": "V", "volt": "V", "volts": "V",
+    "mm/s": "mm/s", "mm/sec": "mm/s", "mm s-1": "mm/s", "mm s^-1": "mm/s", "mm·s⁻¹": "mm/s",
     "unknown": "unknown",
 }  # fmt: skip
 RATES = ("rate", "samplerate", "samplingrate", "samplingfrequency", "samplefrequency", "samplefreq", "samplingfreq",
@@ -143,14 +144,17 @@ MULTIPLES = {
     "µm/s²": ("m/s2", 1e-6), "cm/s2": ("m/s2", 1e-2), "cm/s^2": ("m/s2", 1e-2), "cm/s²": ("m/s2", 1e-2),
     "gal": ("m/s2", 1e-2), "in/s2": ("m/s2", 0.0254), "in/s^2": ("m/s2", 0.0254), "ft/s2": ("m/s2", 0.3048),
     "ft/s^2": ("m/s2", 0.3048),
+    "m/s": ("mm/s", 1e3), "m s-1": ("mm/s", 1e3), "m s^-1": ("mm/s", 1e3), "cm/s": ("mm/s", 10.0),
+    "um/s": ("mm/s", 1e-3), "µm/s": ("mm/s", 1e-3), "in/s": ("mm/s", 25.4), "ips": ("mm/s", 25.4),
+    "inch/s": ("mm/s", 25.4), "in/sec": ("mm/s", 25.4),
 }  # fmt: skip
 OTHER_UNITS = frozenset(
     (*("pa", "kpa", "hpa", "mpa", "bar", "mbar", "psi", "°c", "degc", "°f", "k", "a", "ma", "w", "kw", "n", "kn", "nm"),
      *("%", "rpm", "1/min", "min-1", "u/min", "upm", "tr/min", "hz", "mm", "um", "µm", "mil", "l/min", "m3/h"))
 )  # fmt: skip
 """Units behind a name that are none of a vibration."""
-VELOCITIES = frozenset(("mm/s", "m/s", "in/s", "ips", "cm/s", "um/s", "µm/s", "inch/s", "mm/sec"))
-"""Units of a vibration that is no acceleration."""
+DISPLACEMENTS = frozenset(("mm", "um", "µm", "micron", "microns", "mil", "mils", "nm", "inch"))
+"""Units of a vibration that is neither an acceleration nor a velocity."""
 LIKE_RATE = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sps": 1.0, "ksps": 1e3, "sa/s": 1.0, "1/s": 1.0,
               "ksa/s": 1e3, "ks/s": 1e3, "samples/s": 1.0, "samples/sec": 1.0}  # fmt: skip
 LIKE_STEP = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}

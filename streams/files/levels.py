@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from streams.files.statements import is_of_counts, multiple_of, quantity_words
-from streams.types.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY, VELOCITY
 from streams.types.large import elementwise
 from streams.types.samples import DIGITAL, FRACTIONS, SCALED, VALUES, ReaderError, Samples
 from streams.types.spec import UNITS, ChannelSpec
@@ -119,12 +119,13 @@ def factor_of(
     stored = samples.stored[row]
     if stored in (VALUES, SCALED, DIGITAL) or unit == "unknown" or channel.scale is not None:
         return 1.0
-    if stored == FRACTIONS and range_g is not None and not samples.scaled:
+    if stored == FRACTIONS and range_g is not None and not samples.scaled and unit != VELOCITY:
         of_one_g = {"m/s2": STANDARD_GRAVITY, "V": 1e-3 * (channel.sensitivity_mv_per_g or 0.0)}
         return range_g * of_one_g.get(unit or "g", 1.0)
     meant, other = f"the {unit} of one count", ""
     if stored == FRACTIONS:
-        meant, other = f"the {unit} at full scale", ", or [[source]] range_g, the g at full scale"
+        meant = f"the {unit} at full scale"
+        other = ", or [[source]] range_g, the g at full scale" if unit != VELOCITY else ""
     raise ReaderError(
         "wrong_unit",
         f"{where}: holds {stored}, and nothing states their level; give [[channel]] scale, {meant} "

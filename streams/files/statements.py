@@ -21,6 +21,7 @@ from streams.files.keys import (
     COUNT,
     DATES,
     DECIMATIONS,
+    DISPLACEMENTS,
     FACTORS,
     GROUPING_BLANKS,
     GROUPS,
@@ -45,8 +46,8 @@ from streams.files.keys import (
     STARTS,
     UNIT_KEYS,
     UNITS,
-    VELOCITIES,
 )
+from streams.types.block import VELOCITY
 from streams.types.samples import ReaderError
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
 
@@ -93,7 +94,7 @@ def named(facts: Facts, keys: frozenset[str] | Mapping[str, Any]) -> Iterator[tu
 
 
 def known_unit(text: object) -> str | None:
-    """Return a stated unit in our spelling: "g", "m/s2", "V" or "unknown".
+    """Return a stated unit in our spelling: "g", "m/s2", "V", "mm/s" or "unknown".
 
     None for an empty text; any other text as it stands, so that a refusal can name it.
     """
@@ -115,14 +116,14 @@ def multiple_of(unit: str | None) -> tuple[str, float]:
 
 def is_of_vibration(unit: str | None) -> bool:
     """Return whether a unit is one of acceleration, velocity or voltage, which two statements of a row must share."""
-    return multiple_of(unit)[0] in ("g", "m/s2", "V") or (unit or "").lower() in VELOCITIES
+    return multiple_of(unit)[0] in ("g", "m/s2", "V", VELOCITY)
 
 
 def quantity_words(unit: str | None) -> str:
-    """Return why a unit of velocity is refused, and what to do, behind a comma; "" for any other unit."""
-    if (unit or "").lower() not in VELOCITIES:
+    """Return why a unit of displacement is refused, and what to do, behind a comma; "" for any other unit."""
+    if (unit or "").lower() not in DISPLACEMENTS:
         return ""
-    return ", a velocity; an acceleration is needed: export that of the sensor, or differentiate it before"
+    return ", a displacement; an acceleration or a velocity is needed: export that of the sensor"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Block: some seconds of acceleration, input of the monitor; conversion to m/s2."""
+"""Block: some seconds of vibration, input of the monitor; conversion to SI."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from streams.types.times import TimeStatement
 
 STANDARD_GRAVITY = 9.80665
 """m/s2 in one g (the conventional value, CGPM 1901)."""
+VELOCITY = "mm/s"
+"""The unit of a channel whose sensor measures a velocity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,7 +23,7 @@ class Block:
     Attributes:
         samples: shape (channel, sample), float32 or float64, in the unit of each channel.
         rate: Hz.
-        units: of each row: "m/s2", "g", "V" or "unknown", as the file or the configuration states it.
+        units: of each row: "m/s2", "g", "V", "unknown" or "mm/s", as the file or the configuration states it.
         sequence: 1-based number in the source's own unit (a PRONOSTIA file, a 5-second block).
         name: origin for people: a file name, "recording.wav[55 s]".
         start: seconds since 1970-01-01 UTC of the first sample, None without a date.
@@ -99,19 +101,22 @@ def to_si(
     scale: float = 1.0,
     sensitivity_mv_per_g: float | None = None,
 ) -> tuple[NDArray[np.floating], str]:
-    """Convert samples of any shape to m/s2, in their precision.
+    """Convert samples of any shape to m/s2, velocities to m/s, in their precision.
 
     ``scale`` is the factor from the stored numbers to ``unit``; the sensitivity is for "V".
 
-    Returns the samples and "m/s2"; those of unit "unknown" scaled, and "unknown".
+    Returns the samples and "m/s2", or "m/s" of unit "mm/s"; those of unit "unknown" scaled, and "unknown".
 
     Raises:
-        ValueError: the unit is none of "g", "m/s2", "V", "unknown", or "V" comes without a sensitivity.
+        ValueError: the unit is none of ours, or "V" comes without a sensitivity.
     """
     factor = float(scale)
     target = "m/s2"
     if unit == "g":
         factor *= STANDARD_GRAVITY
+    elif unit == VELOCITY:
+        factor *= 1e-3
+        target = "m/s"
     elif unit == "V":
         if not sensitivity_mv_per_g or sensitivity_mv_per_g < 0.0:
             raise ValueError(f"unit V needs a positive sensitivity_mv_per_g, got {sensitivity_mv_per_g}")
@@ -119,7 +124,7 @@ def to_si(
     elif unit == "unknown":
         target = "unknown"
     elif unit != "m/s2":
-        raise ValueError(f"unit must be g, m/s2, V or unknown, got {unit!r}")
+        raise ValueError(f"unit must be g, m/s2, V, unknown or mm/s, got {unit!r}")
     if factor == 1.0:
         return samples, target
     # A float32 sample near the top of its range becomes inf here, which the quality stage names.

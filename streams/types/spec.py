@@ -19,8 +19,8 @@ from streams.types.stamps import Order, compiled
 DEFAULT_BLOCK_SECONDS = 5.0
 FILE_WORDS = ("{stem}", "{name}")
 """In ``pulses``: the name of a file, without and with its ending."""
-UNITS = ("g", "m/s2", "V", "unknown")
-"""The units that a channel may state."""
+UNITS = ("g", "m/s2", "V", "unknown", "mm/s")
+"""The units that a channel may state; the last one is of a velocity."""
 
 MAX_FRAME = 16 << 20
 """Bytes of the largest frame, checksum included."""
@@ -40,7 +40,7 @@ class ChannelSpec:
         column: number of the column in the file, counted from 1, or the name in its header.
         key: pattern (``*``, ``?``, ``[...]``) of the variable or column name, such as ``X*_DE_time``. Without column
             and key the channel is found by its own name, or is the single row of a file.
-        unit: "g", "m/s2", "V" or "unknown"; None leaves it to the file or the data set.
+        unit: one of ``UNITS``; None leaves it to the file or the data set.
         scale: factor from the stored numbers to ``unit``; of integers the unit of a count, of an integer WAV that of
             full scale. None where the configuration gives none: 1, and integers without a scale are refused.
         sensitivity_mv_per_g: of the sensor where ``unit`` is "V".

@@ -131,7 +131,7 @@ def test_a_unit_that_is_stated_is_read(kind: str, tmp_path: Path) -> None:
     assert signal.attrs["rate_hz"] == pytest.approx(RATE, rel=1e-4)
 
 
-@pytest.mark.parametrize("unit", ["mm/s"])
+@pytest.mark.parametrize("unit", ["mm"])
 def test_a_column_of_another_quantity_is_no_acceleration(unit: str, tmp_path: Path) -> None:
     with pytest.raises(sw.SpallwatchError, match=unit):
         sw.read(csv({"Time (s)": seconds(COUNT)}, names=(f"DE [{unit}]", f"NDE [{unit}]"))(tmp_path))

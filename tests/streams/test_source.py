@@ -158,7 +158,7 @@ def test_settings_no_recording_could_have(settings: dict[str, Any], words: str) 
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"unit": "mm/s"}, "unit must be one of g, m/s2, V, unknown, got 'mm/s'"),
+        ({"unit": "mm"}, "unit must be one of g, m/s2, V, unknown, mm/s, got 'mm'"),
         ({"column": 0}, "counted from 1"),
         ({"column": 1, "key": "a*"}, "either column or key"),
         ({"scale": 0.0}, "scale"),

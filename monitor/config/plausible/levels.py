@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from monitor.config.plausible.doubt import Doubt, Severity
 from monitor.health.signal.quality import STOPPED_RMS
 from streams.files.plausible import SignalLevel, of_one_g
-from streams.types.block import STANDARD_GRAVITY
+from streams.types.block import STANDARD_GRAVITY, VELOCITY
 
 _MAX_RMS_G, _MAX_PEAK_G = 100.0, 1000.0
 _USUAL_RMS_G, _MAX_MEAN_G = 30.0, 10.0
 _MIN_RMS_G = 1e-4
 """RMS below which a signal is the noise of a good accelerometer, or in another unit."""
+_VELOCITY_RMS = (1e-3, 500.0)
 _RESTING_RMS_G = STOPPED_RMS / STANDARD_GRAVITY
 _BIAS = (7.0, 14.0)
 """Bias voltage of IEPE sensors, V."""
@@ -30,7 +31,7 @@ _MIN_ALTERNATING, _MIN_RATIO, _MIN_GAP = 6, 1.3, 3.0
 
 
 def doubts(level: SignalLevel, unit: str, sensitivity_mv_per_g: float | None = None) -> list[Doubt]:
-    """Return what makes a level in a unit ("g", "m/s2", "V", "unknown") doubtful."""
+    """Return what makes a level in one of our units doubtful."""
     if level.constant:
         return [_doubt("constant", "a signal that varies", "all samples are equal: a dead sensor, or no sensor")]
     found: list[Doubt] = []
@@ -47,7 +48,21 @@ def doubts(level: SignalLevel, unit: str, sensitivity_mv_per_g: float | None = N
         found.append(_doubt("bias", "the alternating part of the signal (AC coupling)", words))
     if one_g is not None:
         found += _level_doubts(level, unit, one_g)
+    elif unit == VELOCITY:
+        found += _velocity_doubts(level)
     return found
+
+
+def _velocity_doubts(level: SignalLevel) -> list[Doubt]:
+    """Return what is doubtful in a velocity, mm/s."""
+    least, most = _VELOCITY_RMS
+    expected, came = f"an RMS from {least:g} to {most:g} mm/s", f"an RMS of {level.rms:.3g} mm/s"
+    if level.rms > most:
+        words = f"{came} is more than machines have: is the unit another one, such as um/s, mV or counts?"
+        return [_doubt("high_level", expected, words)]
+    if level.rms < least:
+        return [_doubt("low_level", expected, f"{came} is less than machines have: is the unit m/s?", "warning")]
+    return []
 
 
 def _level_doubts(level: SignalLevel, unit: str, one_g: float) -> list[Doubt]:

@@ -47,8 +47,8 @@ RULES: dict[str, DoubtRule] = {
     ),
     "band": DoubtRule(
         "`band_hz`, `rms_band_hz`",
-        "below 100 Hz: kHz; narrower than the first lines; above half the rate",
-        "narrower than five harmonics; below 500 Hz, above 50 kHz",
+        "below 100 Hz: kHz; narrower than the first lines; above half the rate; none below the limit of a velocity",
+        "narrower than five harmonics; below 500 Hz, above 50 kHz; of a velocity above 2 kHz without `sensor_max_hz`",
         refused=True,
     ),
     "block": DoubtRule(
@@ -68,7 +68,7 @@ RULES: dict[str, DoubtRule] = {
     ),
     "level_unlearned": DoubtRule("`alert_sd`, `alert_factor`", "added after learning"),
     "threshold": DoubtRule("`threshold_mm2`", "beyond the map; above (element diameter)²", "above a tenth of that"),
-    "damage": DoubtRule("`track`", "map, library or unit missing", "rig not calibrated"),
+    "damage": DoubtRule("`track`", "map, library or unit missing; of a velocity", "rig not calibrated"),
     "rig": DoubtRule("`[rig]`", "", "unproven claims"),
     "place": DoubtRule("`url`", "folder does not exist", "empty, partly closed, or a recording"),
     "access": DoubtRule("`tcp://`, `mqtt://`", "no key, unusable files", "`peers` without key, weak key"),
@@ -89,8 +89,8 @@ RULES: dict[str, DoubtRule] = {
     "clipping": DoubtRule("samples", "", "clipped"),
     "bias": DoubtRule("mean", "7 to 14 V, over 10 g: bias"),
     "gravity": DoubtRule("mean", "gravity in the other unit"),
-    "high_level": DoubtRule("level", "above 100 g RMS, 1000 g peak or `range_g`", "above 30 g RMS"),
-    "low_level": DoubtRule("level", "below 0.1 mg RMS", "below 3 mg; in one of two"),
+    "high_level": DoubtRule("level", "above 100 g RMS, 1000 g peak or `range_g`; 500 mm/s", "above 30 g RMS"),
+    "low_level": DoubtRule("level", "below 0.1 mg RMS", "below 3 mg, 0.001 mm/s; in one of two"),
     "alternating": DoubtRule("files", "alternate between two sensors"),
     "same_signal": DoubtRule("two channels", "one signal, or a multiple"),
 }

@@ -13,6 +13,8 @@ from monitor.config.plausible.machine import speed_doubt
 from monitor.config.plausible.rules import JudgedConfig, SourceFacts, place_of
 from monitor.config.positions import Place
 from monitor.config.source import ChannelSection, SourceSection
+from monitor.health.signal.bands import candidate_bands
+from monitor.health.signal.differentiate import USUAL_LIMIT
 from monitor.health.signal.settings import N_HARMONICS, fundamentals
 from streams.types.limits import MAX_BYTES
 
@@ -192,12 +194,30 @@ def _divides(comb: float, line: float) -> bool:
 
 def _bands(subject: JudgedConfig, channel: ChannelSection, facts: SourceFacts) -> Iterator[Doubt]:
     lines = [] if facts.speed is None else _passages(_lines(subject, channel, facts.speed))
+    if channel.measures_velocity:
+        yield from _of_velocity(subject, channel, lines, facts.rate)
     for band in () if channel.band_hz == "auto" else channel.band_hz:
         place = place_of(subject.config, "channel", channel.name, "band_hz")
         yield from _band(subject, place, band, lines, facts.rate)
     if channel.rms_band_hz is not None:
         place = place_of(subject.config, "channel", channel.name, "rms_band_hz")
         yield from _reach(subject, place, channel.rms_band_hz, facts.rate)
+
+
+def _of_velocity(
+    subject: JudgedConfig, channel: ChannelSection, lines: list[float], rate: float | None
+) -> Iterator[Doubt]:
+    """Yield that a sensor of velocity does not reach a band, or that it leaves none."""
+    place = place_of(subject.config, "channel", channel.name, "band_hz")
+    limit = channel.velocity_limit
+    if channel.sensor_max_hz is None and limit > USUAL_LIMIT:
+        expected = f"bands up to {USUAL_LIMIT:g} Hz, as usual sensors of velocity measure, or its sensor_max_hz"
+        yield subject.doubt("band", "warning", place, expected, f"up to {limit:g} Hz")
+    elif channel.band_hz == "auto" and lines:
+        try:
+            candidate_bands(rate or 2.0 * limit, lines[-1], limit)
+        except ValueError as error:
+            yield subject.doubt("band", "problem", place, "a band that is given, or a higher sensor_max_hz", str(error))
 
 
 def _reach(subject: JudgedConfig, place: Place, band: tuple[float, float], rate: float | None) -> Iterator[Doubt]:

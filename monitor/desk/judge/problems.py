@@ -31,6 +31,10 @@ def find_problems(config: Config, facts: Mapping[str, SourceFacts] | None = None
     for channel in config.channel:
         if channel.track:
             yield from _damage(subject, channel)
+        if channel.track and channel.measures_velocity:
+            place = place_of(config, "channel", channel.name, "track")
+            came = "track = true, but its sensor measures a velocity: V_eq will answer velocity_sensor"
+            yield subject.doubt("damage", "problem", place, "a sensor of acceleration", came)
         if channel.unit == "unknown":
             place = place_of(config, "channel", channel.name, "unit")
             if channel.track:

@@ -24,7 +24,7 @@ from monitor.health.block_time import timed
 from monitor.health.signal.quality import OrderState, check_samples
 from streams.dates.best import latest_of
 from streams.files.plausible import SignalLevel, level_of, of_one_g
-from streams.types.block import Block, Rejected, to_si
+from streams.types.block import VELOCITY, Block, Rejected, to_si
 from streams.types.samples import Samples
 from streams.types.spec import SourceError
 from streams.types.stamps import utc_text
@@ -193,12 +193,16 @@ def _end_words(config: Config, loaded: Sequence[Loaded]) -> Iterator[str]:
         for channel, row in _rows(config, file):
             level = _level(channel, row)
             one_g = of_one_g(channel.unit, channel.sensitivity_mv_per_g)
-            levels.append(
-                f"{channel.name} RMS " + (f"{level.rms:.3g}" if one_g is None else f"{level.rms / one_g:.3g} g")
-            )
+            levels.append(f"{channel.name} RMS {_level_words(level.rms, channel.unit, one_g)}")
         when = "no date" if samples.start is None else utc_text(samples.start)
         length = samples.values.shape[1] / samples.known_rate
         yield f"{file.name}: {samples.known_rate:g} Hz, {length:.4g} s, {when}, {', '.join(levels)}"
+
+
+def _level_words(level: float, unit: str, one_g: float | None) -> str:
+    if one_g is not None:
+        return f"{level / one_g:.3g} g"
+    return f"{level:.3g} {VELOCITY}" if unit == VELOCITY else f"{level:.3g}"
 
 
 def _rejections(subject: JudgedConfig, section: SourceSection, loaded: Sequence[Loaded]) -> Iterator[Doubt]:
@@ -235,7 +239,7 @@ def _flags(subject: JudgedConfig, channel: ChannelSection, row: NDArray[Any]) ->
     values, unit = to_si(row, channel.unit, channel.scale or 1.0, channel.sensitivity_mv_per_g)
     if not np.isfinite(values).all() or np.ptp(values) == 0.0:
         return
-    verdict = check_samples(values, absolute=unit != "unknown")
+    verdict = check_samples(values, absolute=unit == "m/s2")
     flags = [flag for flag in verdict.flags if flag not in ("stopped", "clipped")]
     if flags:
         place = place_of(subject.config, "channel", channel.name)

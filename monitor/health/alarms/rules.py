@@ -46,7 +46,7 @@ _OF_EPISODE = frozenset(
 """Features that have values in the final stage only."""
 _REFUSALS = frozenset(
     {"above_map", "ambiguous", "outside_conditions", "outside_library", "no_absolute_level", "no_map", "no_library"}
-    | {"implausible", "not_this_part"}
+    | {"implausible", "not_this_part", "velocity_sensor"}
 )
 
 

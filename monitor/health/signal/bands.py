@@ -66,6 +66,7 @@ def find_band(
     fundamentals: Mapping[str, float],
     interference: Sequence[Comb] = (),
     rotations: Sequence[Rotation | None] = (),
+    limit: float = math.inf,
 ) -> Band:
     """Return the band to demodulate, chosen on these blocks alone.
 
@@ -76,11 +77,12 @@ def find_band(
         interference: combs that are removed before; with a rotation, those that do not follow the shaft.
         rotations: angle of the shaft over each block, by which its envelopes are judged; () where none is known. Their
             mean speeds must be that of the fundamentals.
+        limit: frequency beyond which the signal holds nothing, Hz.
 
     Raises:
         ValueError: as ``rank_bands``.
     """
-    ranked = _ranked(blocks, rate, fundamentals, interference, rotations, complete=False)
+    ranked = _ranked(blocks, rate, fundamentals, interference, rotations, complete=False, limit=limit)
     best = max(ranked, key=lambda candidate: candidate.score)
     return best.band if best.score > 0.0 and best.kurtosis >= _MIN_KURTOSIS else ranked[0].band
 
@@ -114,6 +116,7 @@ def _ranked(
     rotations: Sequence[Rotation | None],
     *,
     complete: bool,
+    limit: float = math.inf,
 ) -> tuple[BandScore, ...]:
     """Return all candidates as :func:`rank_bands`; see :func:`_score` for ``complete``."""
     if not blocks:
@@ -134,12 +137,12 @@ def _ranked(
     races = [fundamentals[fault] for fault in fundamentals if fault != "cage"]
     return tuple(
         _score(spectra, warps, n_used, rate, band, (0.8 * min(races), (_LINES + 0.1) * max(races)), complete)
-        for band in candidate_bands(rate, max(races))
+        for band in candidate_bands(rate, max(races), limit)
     )
 
 
-def candidate_bands(rate: float, highest: float) -> tuple[Band, ...]:
-    """Return the whole range, then its halves, thirds, quarters, sixths, eighths and twelfths.
+def candidate_bands(rate: float, highest: float, limit: float = math.inf) -> tuple[Band, ...]:
+    """Return the whole range up to a limit (Hz), then its halves, thirds, quarters, sixths, eighths and twelfths.
 
     Each is at least six times as wide as the ``highest`` fundamental (Hz), so that its envelope holds five harmonics,
     and begins above the fifth harmonic, below which shafts and races appear directly.
@@ -147,12 +150,13 @@ def candidate_bands(rate: float, highest: float) -> tuple[Band, ...]:
     Raises:
         ValueError: the whole range is narrower than that.
     """
-    nyquist = 0.5 * rate
+    nyquist = min(0.5 * rate, limit / _TOP_SHARE)
     lowest, top, least = float(_LINES * highest), float(_TOP_SHARE * nyquist), float(_MIN_WIDTH * highest)
     if top - lowest < least:
+        what = f"a rate of {rate:g} Hz" if limit >= 0.5 * rate else f"a sensor up to {limit:g} Hz"
         raise ValueError(
-            f"a rate of {rate:g} Hz leaves no band of {least:g} Hz between {lowest:g} and {top:g} Hz: "
-            "it is too low for five harmonics of the fault frequencies"
+            f"{what} leaves no band of {least:g} Hz between {lowest:g} and {top:g} Hz: "
+            "that is too low for five harmonics of the fault frequencies"
         )
     bands = [(lowest, top)]
     for parts in _PARTS:
@@ -260,13 +264,14 @@ class BandVotes(StoredState):
         fundamentals: Mapping[str, float],
         interference: Sequence[Comb] = (),
         rotation: Rotation | None = None,
+        limit: float = math.inf,
     ) -> BandVotes:
-        """Return the votes with the choice of one more block.
+        """Return the votes with the choice of one more block; ``limit`` as for ``find_band``.
 
         Candidates begin at a multiple of the highest fundamental: at other speeds, they count for the band that they
         are but for ``_SAME_EDGES`` of its width.
         """
-        choice = find_band([samples], rate, fundamentals, interference, [rotation])
+        choice = find_band([samples], rate, fundamentals, interference, [rotation], limit)
         counts = dict(self.counts)
         if choice not in counts:
             choice = next((band for band in counts if _same(band, choice)), choice)

@@ -38,7 +38,7 @@ def recording_bands(blocks: Sequence[Block], settings: SourceSettings) -> dict[s
             for block in blocks
             if channel.name in block.channels
         ]
-        usable = [(block, row) for block, row in rows if np.all(np.isfinite(row))]
+        usable = [(block, channel.acceleration_of(row, block.rate)) for block, row in rows if np.all(np.isfinite(row))]
         if not usable:
             continue
         try:
@@ -58,7 +58,8 @@ def _by_time(usable: Sequence[_Row], channel: ChannelSettings) -> Band | None:
         return None
     same = [row for _, row in usable if row.size == first.size]
     combs = all_combs(channel.interference, speed)
-    return find_band(same, block.rate, fundamentals(kinematics(channel.bearing, speed)), combs)
+    lines = fundamentals(kinematics(channel.bearing, speed))
+    return find_band(same, block.rate, lines, combs, limit=channel.band_limit)
 
 
 def _by_angle(usable: Sequence[_Row], channel: ChannelSettings) -> Band | None:
@@ -70,5 +71,6 @@ def _by_angle(usable: Sequence[_Row], channel: ChannelSettings) -> Band | None:
         rotation = find_rotation(block, channel.condition).rotation
         if rotation is not None:
             lines = fundamentals(kinematics(channel.bearing, rotation.mean_speed))
-            votes = votes.add(row, block.rate, lines, all_combs(channel.interference, rotation.mean_speed), rotation)
+            combs = all_combs(channel.interference, rotation.mean_speed)
+            votes = votes.add(row, block.rate, lines, combs, rotation, channel.band_limit)
     return votes.best() if votes.total else None

@@ -15,12 +15,13 @@ from numpy.typing import NDArray
 
 VELOCITY_BAND = (10.0, 1000.0)
 """Edges of the band, Hz."""
-OK, SHORT, LOW_RATE, LOW_FREQUENCY_NOISE, NO_ABSOLUTE_LEVEL = VELOCITY_STATUSES = (
+OK, SHORT, LOW_RATE, LOW_FREQUENCY_NOISE, NO_ABSOLUTE_LEVEL, SENSOR_LIMIT = VELOCITY_STATUSES = (
     "ok",
     "short",
     "low_rate",
     "low_frequency_noise",
     "no_absolute_level",
+    "sensor_limit",
 )
 """What stands beside a velocity."""
 MIN_SECONDS = 1.0

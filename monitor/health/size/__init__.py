@@ -20,7 +20,9 @@ class EdvStatus(StrEnum):
     time or block interval outside its lives. ``uncalibrated`` replaces ``ok`` where the rig is not calibrated: V_eq is
     given, on the scale of the model. ``episode_closed``: with this block the final stage closed again. Without values
     also ``implausible``: no growth of damage gives this block after the ones before it (a gain that changed, noise,
-    lines that do not belong to the RMS), and ``not_this_part``: there is no map or library of the named part.
+    lines that do not belong to the RMS), ``not_this_part``: there is no map or library of the named part, and
+    ``velocity_sensor``: maps and libraries hold the RMS of acceleration over all frequencies, which such a sensor does
+    not give.
     """
 
     OK = "ok"
@@ -39,6 +41,7 @@ class EdvStatus(StrEnum):
     EPISODE_CLOSED = "episode_closed"
     IMPLAUSIBLE = "implausible"
     NOT_THIS_PART = "not_this_part"
+    VELOCITY_SENSOR = "velocity_sensor"
 
 
 class TtStatus(StrEnum):

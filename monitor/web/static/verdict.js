@@ -252,7 +252,9 @@ function latest(status, info, zone, age, machine) {
     fmt.isNumber(info.bearing.n_elements) ? fmt.counted(info.bearing.n_elements, "element") : null,
   ].filter(Boolean).join(", ") : null;
   const pending = machine?.sources?.[status.source]?.pending;
-  return answer("Last block", value, which, condition(info), rotation(status), bearing, pending > 1 ? `${fmt.counted(pending, "block")} waiting` : null);
+  const limit = info?.velocity_limit_hz;
+  const sensor = fmt.isNumber(limit) ? `sensor of velocity: acceleration up to ${fmt.hertz(limit)} by differentiation` : null;
+  return answer("Last block", value, which, condition(info), rotation(status), sensor, bearing, pending > 1 ? `${fmt.counted(pending, "block")} waiting` : null);
 }
 
 /** What the shaft did in the block, or why its angle is not known; null without a source of it. */

@@ -20,7 +20,8 @@ from streams.types.stamps import read_stamp
 
 _TIME_RESPONSES = (0, 1)
 _REAL = (2, 4)
-_ACCELERATION = 12
+_UNITS_SI = {11: "m/s", 12: "m/s2"}
+"""Of velocity and acceleration in a file in SI."""
 _STEP_DIGITS = 1e-5
 """Relative uncertainty of a step, of which the header holds six digits."""
 _DIRECTIONS = {1: "+X", -1: "-X", 2: "+Y", -2: "-Y", 3: "+Z", -3: "-Z"}
@@ -144,8 +145,7 @@ def _described(functions: list[Function], si: bool, name: str, zone: str, disreg
         size = _size_of_abscissa(function, f"{name}: {title[:40]}")
         rates.append(_rate(float(function["abscissa_inc"]), size, f"{name}: {title[:40]}"))
         unit = known_unit(function.get("ordinate_axis_units_lab"))
-        acceleration = int(function.get("ordinate_spec_data_type") or 0) == _ACCELERATION
-        unit = unit or ("m/s2" if acceleration and si else None)
+        unit = unit or (_UNITS_SI.get(int(function.get("ordinate_spec_data_type") or 0)) if si else None)
         begins = float(function.get("abscissa_min") or 0.0) * size
         facts.append({"unit": unit, "id3": str(function.get("id3", "")), "begins": begins})
         titles.append(title)

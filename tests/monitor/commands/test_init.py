@@ -233,7 +233,7 @@ def test_a_folder_that_holds_the_configuration_stays_clean(here: Path) -> None:
         (["log", "--rate-hz", "25,600"], "can be read as 25.600 or 25600"),
         (["log", "--bearing", "6999"], "not in the catalogue"),
         (["log", "--bearing", "9 40 39"], "number of elements"),
-        (["log", "--unit", "mm/s"], "expected one of g, m/s2, V, unknown"),
+        (["log", "--unit", "mm"], "expected one of g, m/s2, V, unknown, mm/s"),
         (["log", "--start-utc", "01.02.2024"], "2026-01-31T08:00:00Z"),
         (["log", "--time-name", "%Q"], "%Q is not known"),
     ],

@@ -83,8 +83,14 @@ def test_every_key_of_the_root_configuration_is_commented():
     ("values", "words"),
     [
         (changed("detect", learn_block=50), ["machine.toml", "detect.learn_block", "unknown key", "learn_blocks"]),
-        (changed("channel", unit="mm/s"), ["channel[0].unit", "'mm/s'", "'g'", "'unknown'"]),
+        (changed("channel", unit="mm"), ["channel[0].unit", "'mm'", "'g'", "'unknown'"]),
         (changed("channel", unit="V"), ["channel[0] (de)", "sensitivity_mv_per_g"]),
+        (changed("channel", unit="in/s"), ["channel[0].unit", "in/s", 'unit = "mm/s" and scale = 25.4']),
+        (changed("channel", sensor_max_hz=1000.0), ["sensor_max_hz", 'unit = "mm/s"']),
+        (
+            changed("channel", unit="mm/s", sensor_max_hz=1000.0, band_hz=[[500, 2000]]),
+            ["band_hz", "2000", "sensor_max_hz = 1000"],
+        ),
         (changed("channel", band_hz=[[5000, 20000]]), ["'de'", "band_hz", "20000", "12800", "Nyquist"]),
         (changed("channel", rms_band_hz=[0, 12801]), ["rms_band_hz", "12801", "12800"]),
         (changed("channel", band_hz=[[9000, 7000]]), ["band_hz", "9000", "7000"]),
@@ -128,8 +134,8 @@ def test_refusals_name_the_key_what_came_and_what_is_allowed(values, words):
 
 
 def test_one_mistake_is_one_line():
-    assert len(message(changed("channel", unit="mm/s")).splitlines()) == 1
-    assert len(message(changed("channel", unit="mm/s", bearing="")).splitlines()) == 2
+    assert len(message(changed("channel", unit="mm")).splitlines()) == 1
+    assert len(message(changed("channel", unit="mm", bearing="")).splitlines()) == 2
 
 
 def test_a_file_that_is_no_toml_or_not_there(tmp_path):

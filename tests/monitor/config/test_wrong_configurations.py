@@ -39,7 +39,7 @@ def test_what_is_wrong_with_a_section_as_a_whole_comes_with_its_wrong_keys(tmp_p
     text = (
         CASES[0]
         .text.replace("speed_rpm = 1770", "speed_hz = 1")
-        .replace('unit = "g"', 'unit = "mm/s"\ntrack = 3\ncolumn = 1\nkey = "a"')
+        .replace('unit = "g"', 'unit = "mm"\ntrack = 3\ncolumn = 1\nkey = "a"')
     )
     lines = answer(Case("", text, "", 0, "", "", ""), tmp_path)
     assert [line.split(":")[1] for line in lines] == ["20", "21", "22"]

@@ -123,7 +123,7 @@ Made = Callable[[Path], Path]
 REFUSED: list[tuple[str, Made, dict[str, Any], str, str]] = [
     ("rpm as Hz", _press, {"speed_hz": 1770}, "speed_hz", "did you mean 1770 rpm?"),
     ("comma of thousands", _press, {"speed_hz": "1,770 rpm"}, "speed_hz", "can be read as 1.770 or 1770"),
-    ("no unit at all", _press, {"unit": "furlong"}, "unit", "g, m/s2, V, unknown, mV, mg; got 'furlong'"),
+    ("no unit at all", _press, {"unit": "furlong"}, "unit", "g, m/s2, V, unknown, mm/s, mV, mg; got 'furlong'"),
     ("another unit than stated", _press, {"unit": "m/s2"}, "unit", "drive end (g) of 2026-03-01_000000.csv states g"),
     ("no such bearing", _press, {"bearing": "9999"}, "bearing", "'9999' is not in the catalogue"),
     ("another rate than stated", _press, {"rate_hz": 5000}, "rate_hz", "csv states 10000 Hz"),

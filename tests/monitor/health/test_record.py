@@ -129,7 +129,7 @@ def test_the_words_of_published_files_keep_their_integers() -> None:
         *edv.split(),
         "outside_library",
         "no_absolute_level",
-        *("uncalibrated", "episode_closed", "implausible", "not_this_part"),
+        *("uncalibrated", "episode_closed", "implausible", "not_this_part", "velocity_sensor"),
     ) == schema.EDV_STATUSES
     assert (
         *tt.split(),

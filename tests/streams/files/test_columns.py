@@ -401,6 +401,6 @@ def test_a_process_value_stays_one_where_a_file_states_one_unit_for_all(title: s
 def test_init_says_what_the_rows_are_where_none_is_vibration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     rows = "".join(f"{value:.4f},{61.0:.1f}\n" for value in NOISE)
-    (tmp_path / "x.csv").write_text(f"# fs=3200\nVelocity [mm/s],Temperature\n{rows}", encoding="utf-8")
+    (tmp_path / "x.csv").write_text(f"# fs=3200\nWay [mm],Temperature\n{rows}", encoding="utf-8")
     result = CliRunner().invoke(command, ["x.csv", "--yes", "--bearing", "6205", "--speed-hz", "25"])
-    assert "no row of x.csv is vibration: Velocity [mm/s] is in mm/s" in str(result.exception)
+    assert "no row of x.csv is vibration: Way [mm] is in mm," in str(result.exception)

@@ -67,7 +67,7 @@ def test_units(dtype: type[np.floating]) -> None:
 
 def test_units_that_are_wrong() -> None:
     samples = np.zeros((1, 2))
-    with pytest.raises(ValueError, match="must be g, m/s2, V or unknown, got 'm/s'"):
+    with pytest.raises(ValueError, match="must be g, m/s2, V, unknown or mm/s, got 'm/s'"):
         to_si(samples, "m/s")
     for sensitivity in (None, 0.0, -1.0):
         with pytest.raises(ValueError, match="sensitivity_mv_per_g"):
@@ -87,13 +87,18 @@ def test_conversion_of_extreme_samples_does_not_warn() -> None:
         ("mg", "g", {}, 1e-3),
         ("mg", None, {}, 1e-3),
         ("mm/s²", "m/s2", {}, 1e-3),
+        ("mm/s", None, {}, 1.0),
+        ("m/s", "mm/s", {}, 1e3),
+        ("ips", None, {}, 25.4),
+        ("µm/s", None, {}, 1e-3),
         ("g", "g", {}, 1.0),
     ],
 )
 def test_multiples_of_a_unit_are_converted_unless_a_scale_is_given(stated, unit, channel, factor):
     samples = Samples(np.ones((2, 4)), names=("a", "b"), units=(stated, "g"))
     chosen = choose_channels(samples, [ChannelSpec("a", unit=unit, **channel), ChannelSpec("b", unit="g")], None, "f")
-    assert chosen.units == ({"mV": "V", "mg": "g", "mm/s²": "m/s2"}.get(stated, stated), "g")
+    ours = {"mV": "V", "mg": "g", "mm/s²": "m/s2", **dict.fromkeys(("m/s", "ips", "µm/s"), "mm/s")}
+    assert chosen.units == (ours.get(stated, stated), "g")
     assert_array_equal(chosen.values, np.array([[factor], [1.0]]) * np.ones((2, 4)))
 
 

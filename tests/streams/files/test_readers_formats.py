@@ -87,14 +87,14 @@ def test_contradictions_are_refused(name: str, tmp_path: Path) -> None:
     assert second.status == "wrong_unit"
 
 
-@pytest.mark.parametrize("unit", ["Pa", "mm/s"])
-def test_a_unit_that_is_no_acceleration_is_refused(unit: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("unit", ["Pa", "mm"])
+def test_a_unit_that_is_no_acceleration_or_velocity_is_refused(unit: str, tmp_path: Path) -> None:
     (tmp_path / "x.tdms").write_bytes(tdms_bytes(signal(), unit=unit))
     (item,) = open_source(SourceSpec("s", str(tmp_path / "x.tdms"), block_s="file"))
     assert isinstance(item, Rejected)
     assert item.status == "wrong_unit"
     assert unit in item.reason
-    assert ("a velocity; an acceleration is needed" in item.reason) == (unit == "mm/s")
+    assert ("a displacement; an acceleration or a velocity is needed" in item.reason) == (unit == "mm")
 
 
 def test_channels_are_chosen_by_pattern() -> None:
