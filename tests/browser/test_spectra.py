@@ -186,3 +186,15 @@ def test_the_vibration_of_the_machine_has_its_zone_or_a_reason(pump: Served, vis
     refused = {"velocity_status": "low_frequency_noise", "velocity_rms_mm_s": None}
     assert "cannot be told from vibration" in said(refused, judged)
     assert said(refused, None) == said({}, judged) == ""
+
+
+def test_a_sensor_of_velocity_is_said_to_be_one(pump: Served, visitor: Visitor) -> None:
+    page = visitor(pump.url).go()
+    write = """async (info) => {
+      const { verdict } = await import("/static/verdict.js");
+      const row = { status: { last_block: 3 }, state: "normal", reason: "" };
+      return verdict({ row, info: { levels: [], marks: {}, ...info }, zone: "UTC", age: 0 }).textContent;
+    }"""
+    words = "sensor of velocity: acceleration up to 2000\N{NARROW NO-BREAK SPACE}Hz by differentiation"
+    assert words in page.evaluate(write, {"velocity_limit_hz": 2000.0})
+    assert "sensor of velocity" not in page.evaluate(write, {"velocity_limit_hz": None})

@@ -218,3 +218,31 @@ def test_check_takes_the_range_that_is_stated(tmp_path: Path) -> None:
     assert not [doubt for doubt in find_problems(config) if doubt.rule == "band"]
     assert configured(tmp_path, band="band_hz = [2000, 8000]").channel[0].velocity_limit == 8000.0
     assert configured(tmp_path).channel[0].velocity_limit == 2000.0
+
+
+def test_a_channel_of_acceleration_is_not_touched(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise AssertionError
+
+    true = motion()
+    before = values_of(true.acceleration, "m/s2")
+    monkeypatch.setattr("monitor.health.state.acceleration_of", fail)
+    assert values_of(true.acceleration, "m/s2") == before
+    with pytest.raises(AssertionError):
+        values_of(1e3 * true.velocity, "mm/s")
+
+
+def test_python_keeps_a_velocity_and_differentiates_where_an_acceleration_is_meant() -> None:
+    true = motion()
+    signal = sw.to_signal(1e3 * true.velocity, rate_hz=RATE, unit="mm/s")
+    by_acceleration = sw.to_signal(true.acceleration, rate_hz=RATE, unit="m/s2")
+    assert sw.spectrum(signal).attrs["units"] == "m s-1"
+    assert float(sw.spectrum(signal).max()) == pytest.approx(3e-3, rel=0.2)
+    found, expected = (sw.envelope_spectrum(one, BANDS[0]) for one in (signal, by_acceleration))
+    assert found.attrs["units"] == "m s-2"
+    assert np.max(np.abs(found.values - expected.values)) < 5e-3 * expected.values.max()
+    assert sw.name_fault(signal, bearing=BEARING, speed_hz=SPEED, band_hz=BANDS[0]).fault == "outer"
+    with pytest.raises(sw.SpallwatchError, match="up to 8000 Hz, the sensor of velocity has sensor_max_hz = 2000"):
+        sw.envelope_spectrum(signal, (2000.0, 8000.0))
+    signal.attrs["sensor_max_hz"] = 10000.0
+    assert sw.envelope_spectrum(signal, (2000.0, 8000.0)).sizes["frequency"] > 1
