@@ -17,7 +17,7 @@ from monitor.health.signal.bands import candidate_bands
 from monitor.health.state import ChannelSettings, SourceSettings, SourceState
 from monitor.health.step import SourceOutput, step
 from streams.types.block import Block
-from tests.support.moving import Motion, rung, tone
+from tests.support.moving import KnownMotion, rung, tone
 from tests.support.pipeline import BEARING, DAMAGE, DETECT, LINES, SPEED
 from tests.support.ways_in import by_hand, by_init, channel_table
 
@@ -27,7 +27,7 @@ BANDS = ((700.0, 1700.0),)
 CONDITION = ChannelSettings("x", BEARING).condition
 
 
-def motion(seed: int = 0, line: float = LINES.bpfo) -> Motion:
+def motion(seed: int = 0, line: float = LINES.bpfo) -> KnownMotion:
     """The shaft, and a resonance that a fault of the outer race excites, with a floor that both sensors measure."""
     rng = np.random.default_rng(seed)
     found = tone(T, SPEED, 3e-3) + rung(T, line, 1200.0, 2e-3)

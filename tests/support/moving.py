@@ -12,36 +12,36 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Motion:
+class KnownMotion:
     """Velocity in m/s and its exact derivative in m/s2, (sample,)."""
 
     velocity: Floats
     acceleration: Floats
 
-    def __add__(self, other: Motion) -> Motion:
-        return Motion(self.velocity + other.velocity, self.acceleration + other.acceleration)
+    def __add__(self, other: KnownMotion) -> KnownMotion:
+        return KnownMotion(self.velocity + other.velocity, self.acceleration + other.acceleration)
 
 
-def moved(velocity: float, phase: Floats, angular: Floats | float) -> Motion:
+def moved(velocity: float, phase: Floats, angular: Floats | float) -> KnownMotion:
     """Return v sin(phase), whose phase changes by ``angular`` in rad/s."""
-    return Motion(velocity * np.sin(phase), velocity * angular * np.cos(phase))
+    return KnownMotion(velocity * np.sin(phase), velocity * angular * np.cos(phase))
 
 
-def tone(t: Floats, hertz: float, velocity: float, phase: float = 0.4) -> Motion:
+def tone(t: Floats, hertz: float, velocity: float, phase: float = 0.4) -> KnownMotion:
     """Return a tone of an amplitude in m/s."""
     angular = 2.0 * math.pi * hertz
     return moved(velocity, angular * t + phase, angular)
 
 
-def chirp(t: Floats, first: float, last: float, velocity: float) -> Motion:
+def chirp(t: Floats, first: float, last: float, velocity: float) -> KnownMotion:
     """Return a tone whose frequency runs from one to another, Hz."""
     rise = (last - first) / t[-1]
     return moved(velocity, 2.0 * math.pi * (first * t + 0.5 * rise * t**2), 2.0 * math.pi * (first + rise * t))
 
 
-def rung(t: Floats, line: float, resonance: float, velocity: float, sharpness: float = 4.0) -> Motion:
+def rung(t: Floats, line: float, resonance: float, velocity: float, sharpness: float = 4.0) -> KnownMotion:
     """Return a resonance (Hz) that swells at each period of a line (Hz), as by impacts of a damaged bearing."""
     slow, fast = 2.0 * math.pi * line, 2.0 * math.pi * resonance
     swell = velocity * np.exp(sharpness * (np.cos(slow * t) - 1.0))
     change = -sharpness * slow * np.sin(slow * t) * swell
-    return Motion(swell * np.sin(fast * t), change * np.sin(fast * t) + swell * fast * np.cos(fast * t))
+    return KnownMotion(swell * np.sin(fast * t), change * np.sin(fast * t) + swell * fast * np.cos(fast * t))

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 
 from monitor.health.signal.differentiate import acceleration_of
 from tests.support.effort import effort_count
-from tests.support.moving import Motion, chirp, rung, tone
+from tests.support.moving import KnownMotion, chirp, rung, tone
 
 LIMIT = 2000.0
 LENGTHS = st.sampled_from([2560, 9973, 25600, 25601, 32768])
 """A power of two, a prime, and what loggers write."""
 
 
-def errors(motion: Motion, rate: float, limit: float = LIMIT) -> tuple[float, float]:
+def errors(motion: KnownMotion, rate: float, limit: float = LIMIT) -> tuple[float, float]:
     """Return the RMS of the error, and the largest beside a few periods of the limit at the ends, over RMS and peak."""
     a = motion.acceleration
     error = acceleration_of(motion.velocity, rate, limit) - a
