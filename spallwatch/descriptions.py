@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from os import PathLike, fspath
 from pathlib import Path
@@ -16,7 +16,8 @@ class DeskAnswers(TypedDict, total=False):
     """Answers to what files leave open: words or numbers, as the options of ``spallwatch init``.
 
     Attributes:
-        bearing: "6205-2RS", a geometry such as "9 7.94 39.04", or by channel "DE=6205; NDE=6203".
+        bearing: "6205-2RS", a geometry such as "9 7.94 39.04", or by channel "DE=6205; NDE=6203". So may be unit,
+            sensitivity, full scale and scale; or {"DE": "mV", "NDE": "g"}, that of all other channels under "".
         speed_hz: 29.5, "1770 rpm" or "estimate".
         speed_unit: "rpm" or "Hz", of a column of the speed that states none.
         load_newton: 400, "0.4 kN" or "unknown".
@@ -38,15 +39,15 @@ class DeskAnswers(TypedDict, total=False):
         name: of the machine, by default that of the folder.
     """
 
-    bearing: str
+    bearing: str | Mapping[str, str]
     speed_hz: float | str
     speed_unit: Literal["rpm", "Hz"]
     load_newton: float | str
     rate_hz: float | str
-    unit: str
-    sensitivity_mv_per_g: float | str
-    full_scale: str
-    scale: float | str
+    unit: str | Mapping[str, str]
+    sensitivity_mv_per_g: float | str | Mapping[str, float | str]
+    full_scale: str | Mapping[str, str]
+    scale: float | str | Mapping[str, float | str]
     range_g: float | str
     start_utc: datetime | str
     interval_s: float | str

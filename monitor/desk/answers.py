@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -53,11 +53,20 @@ class AnsweredBearing:
 
 
 @dataclass(frozen=True)
+class OwnAnswer:
+    """An answer for one channel: its key among ``READERS``, what the channel is called, fields of ``Answers``."""
+
+    key: str
+    channel: str
+    fields: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
 class Answers:
     """What was answered; None where it was not asked or needs no answer.
 
     Attributes:
-        bearing: of all channels but those of ``bearings``, by the name of the channel.
+        bearing: of all channels without an answer of their ``own``, as unit, sensitivity and scale are.
         speed_hz: of the shaft; ``estimate`` where it is to be estimated instead.
         speed_unit: "rpm" or "Hz", of a row of the speed that states none.
         unit: of the vibration where the files state none.
@@ -72,7 +81,7 @@ class Answers:
     """
 
     bearing: AnsweredBearing | None = None
-    bearings: tuple[tuple[str, AnsweredBearing], ...] = ()
+    own: tuple[OwnAnswer, ...] = ()
     speed_hz: float | None = None
     estimate: bool = False
     speed_unit: str | None = None
@@ -91,6 +100,19 @@ class Answers:
     files: str | None = None
     columns: tuple[str, ...] | None = None
 
+    def answered(self, found: Mapping[str, Any]) -> Answers:
+        """Return the answers with further fields; those of single channels are added to those that are there."""
+        return replace(self, **{**found, "own": (*self.own, *found.get("own", ()))})
+
+    def of(self, row: SurveyedRow, survey: Survey) -> Answers:
+        """Return what was answered of one row of vibration."""
+        own = [one for one in self.own if row in _rows_called(survey, one.channel)]
+        # A unit of its own has no factor of another one.
+        fields: dict[str, Any] = {"scale": None} if any(one.key == "unit" for one in own) else {}
+        for one in sorted(own, key=lambda one: one.key == "unit"):
+            fields |= one.fields
+        return replace(self, **fields)
+
 
 def _number(text: str) -> float:
     """Return a number with a point or a comma; ValueError where the comma may separate thousands."""
@@ -102,23 +124,12 @@ def _number(text: str) -> float:
 
 
 def read_bearing(text: str) -> dict[str, Any]:
-    """Return the bearing of all channels, or those of some by name: ``6206; NDE=6205``.
-
-    A bearing is a designation, or number of elements, their diameter, pitch diameter (mm) and contact angle (degrees).
+    """Return a bearing: a designation, or number of elements, their diameter, pitch diameter (mm) and contact angle (°).
 
     Raises:
         ValueError: it is neither; the message says what is known.
     """
-    if "=" not in text:
-        return {"bearing": _one_bearing(text)}
-    found: dict[str, Any] = {"bearings": ()}
-    for part in filter(str.strip, text.split(";")):
-        name, equals, words = part.partition("=")
-        if equals:
-            found["bearings"] += ((name.strip(), _one_bearing(words)),)
-        else:
-            found["bearing"] = _one_bearing(part)
-    return found
+    return {"bearing": _one_bearing(text)}
 
 
 def _one_bearing(text: str) -> AnsweredBearing:
@@ -334,7 +345,32 @@ READERS: dict[str, Callable[[str], dict[str, Any]]] = {
 }
 """How the words of each answer are read: into fields of ``Answers``, ValueError where they are none."""
 
+OF_CHANNELS = ("bearing", "unit", "sensitivity_mv_per_g", "full_scale", "scale")
+"""Answers that each channel may have of its own."""
 _BEARING = "bearing"
+
+
+def read_answer(key: str, words: str | Mapping[str, object]) -> dict[str, Any]:
+    """Return the fields of :class:`Answers` that words stand for: ``6206``, or of some channels ``6206; NDE=6205``.
+
+    Args:
+        key: one of ``READERS``.
+        words: or by the names of channels, those of all others by "".
+
+    Raises:
+        ValueError: they are no answer.
+    """
+    reader = READERS[key]
+    if isinstance(words, str) and (key not in OF_CHANNELS or "=" not in words):
+        return reader(words)
+    if isinstance(words, str):
+        parts = (part.rpartition("=") for part in words.split(";") if part.strip())
+        words = {name.strip(): text for name, _, text in parts}
+    elif key not in OF_CHANNELS:
+        raise ValueError(f"expected one answer for all channels; got {dict(words)!r}")
+    found: dict[str, Any] = reader(str(words[""])) if "" in words else {}
+    own = tuple(OwnAnswer(key, name, reader(str(text))) for name, text in words.items() if name)
+    return {**found, "own": own}
 
 
 def channel_names(rows: Sequence[SurveyedRow]) -> list[str]:
@@ -347,37 +383,39 @@ def channel_names(rows: Sequence[SurveyedRow]) -> list[str]:
     return names
 
 
-def bearing_of(row: SurveyedRow, name: str, answers: Answers) -> tuple[str, AnsweredBearing | None]:
+def bearing_of(survey: Survey, row: SurveyedRow, name: str, answers: Answers) -> tuple[str, AnsweredBearing | None]:
     """Return the bearing of a channel, and the name of its section; None where it was not answered."""
-    for asked, bearing in answers.bearings:
-        if asked.lower() in _spellings(row, name):
-            return name, bearing
-    return _BEARING, answers.bearing
+    own = answers.of(row, survey).bearing
+    return _BEARING if own is answers.bearing else name, own
 
 
 def bearing_sections(survey: Survey, answers: Answers) -> dict[str, AnsweredBearing]:
     """Return the bearings of all channels by the names of their sections."""
     rows = survey.vibration
-    found = (bearing_of(row, name, answers) for row, name in zip(rows, channel_names(rows), strict=True))
+    found = (bearing_of(survey, row, name, answers) for row, name in zip(rows, channel_names(rows), strict=True))
     return {name: bearing for name, bearing in found if bearing is not None}
 
 
 def has_all_bearings(survey: Survey, answers: Answers) -> bool:
     """Return whether every channel has a bearing."""
+    return all(answers.of(row, survey).bearing is not None for row in survey.vibration)
+
+
+def check_own(survey: Survey, own: Sequence[OwnAnswer]) -> None:
+    """Raise ValueError where an answer is that of no channel, or of several."""
+    for one in own:
+        found = _rows_called(survey, one.channel)
+        if len(found) != 1:
+            count = "is no channel" if not found else f"are {len(found)} channels"
+            known = ", ".join(channel_names(survey.vibration))
+            raise ValueError(f"{one.channel!r} {count}; expected one of {known}")
+
+
+def _rows_called(survey: Survey, word: str) -> list[SurveyedRow]:
+    """Return the rows of vibration that are called so: by the name of the channel, else by their title or name."""
     rows = survey.vibration
-    return all(
-        bearing_of(row, name, answers)[1] is not None for row, name in zip(rows, channel_names(rows), strict=True)
-    )
-
-
-def check_bearings(survey: Survey, bearings: Sequence[tuple[str, AnsweredBearing]]) -> None:
-    """Raise ValueError where a bearing is that of no channel."""
-    rows = survey.vibration
-    known = {word for row, name in zip(rows, channel_names(rows), strict=True) for word in _spellings(row, name)}
-    for asked, _ in bearings:
-        if asked.lower() not in known:
-            raise ValueError(f"{asked!r} is no channel; expected one of {', '.join(channel_names(rows))}")
-
-
-def _spellings(row: SurveyedRow, name: str) -> set[str]:
-    return {name.lower(), row.name.lower(), row.title.lower()}
+    for spelled in (channel_names(rows), [row.title for row in rows], [row.name for row in rows]):
+        found = [row for row, name in zip(rows, spelled, strict=True) if name.lower() == word.lower()]
+        if found:
+            return found
+    return []

@@ -33,6 +33,7 @@ class ColumnReading:
         written: the unit as the file spells it, "" where it states none.
         place: column and file.
         evidence: why it is no vibration, in words, or "".
+        sensitivity_mv_per_g: answered of a column in V, None where it is open or needs none.
         rms: without the mean, ``peak`` and ``mean`` in the stored numbers times ``scale``.
         scale: from the stored numbers to ``unit``.
         rms_g, peak_g: None where the unit does not give them.
@@ -48,6 +49,7 @@ class ColumnReading:
     written: str
     place: str
     evidence: str
+    sensitivity_mv_per_g: float | None
     rms: float
     peak: float
     mean: float
@@ -82,7 +84,8 @@ def columns_of(desk: ImportDesk) -> tuple[ColumnReading, ...]:
 
     def read(row: SurveyedRow) -> ColumnReading:
         taken = row.kind == "vibration"
-        unit = (unit_of(row, desk.answers) or ("g" if desk.answers.range_g else None)) if taken else row.unit
+        answers = desk.answers.of(row, desk.seen)
+        unit = (unit_of(row, answers) or ("g" if answers.range_g else None)) if taken else row.unit
         stated = row.unit not in (None, "unknown")
         scale = (scale_of(row, draft) if taken else None) or 1.0
         level, in_g = row.level.times(scale), level_in_g(row, draft) if taken else None
@@ -97,6 +100,7 @@ def columns_of(desk: ImportDesk) -> tuple[ColumnReading, ...]:
             written=row.written,
             place=f"column {row.column} of {shown(desk.seen.first)}",
             evidence=row.evidence,
+            sensitivity_mv_per_g=answers.sensitivity_mv_per_g if unit == "V" and taken else None,
             rms=level.rms,
             peak=level.peak,
             mean=level.mean,

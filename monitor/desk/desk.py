@@ -18,7 +18,7 @@ from monitor.config.fields import NAME_PATTERN, plain_name
 from monitor.config.load import Config, validate
 from monitor.config.plausible.doubt import Doubt
 from monitor.config.positions import find_lines
-from monitor.desk.answers import READERS, Answers, bearing_of, channel_names, check_bearings
+from monitor.desk.answers import READERS, Answers, OwnAnswer, bearing_of, channel_names, check_own, read_answer
 from monitor.desk.judge.dating import DatingPreview, preview_dating
 from monitor.desk.questions import (
     Question,
@@ -88,7 +88,7 @@ class ImportDesk:
 
     def answered(self, found: Mapping[str, Any]) -> ImportDesk:
         """Return the desk after fields of :class:`Answers` were found; files in groups are read again."""
-        answers = replace(self.answers, **found)
+        answers = self.answers.answered(found)
         groups, seen = self.seen.groups, self.seen
         if groups is not None and answers.files is not None:
             patterns = groups.patterns if answers.files == "together" else ("*",)
@@ -176,11 +176,7 @@ def open_desk(
     seen = look(path, kind, timezone)
     desk = ImportDesk(seen, Answers(), name or machine_name(seen.place.resolve()), out, timezone)
     desk = desk.answered(answers)
-    try:
-        check_bearings(desk.seen, desk.answers.bearings)
-    except ValueError as error:
-        raise DeskError("bearing", str(error)) from None
-    check_stated(desk.seen, desk.answers)
+    check_answers(desk.seen, desk.answers)
     return desk
 
 
@@ -206,30 +202,38 @@ def answers_of(words: Mapping[str, object]) -> dict[str, Any]:
         DeskError: a key or an answer is none; all readers say what they expect.
     """
     found: dict[str, Any] = {}
+    own: tuple[OwnAnswer, ...] = ()
     for key, value in words.items():
         if key not in READERS:
             raise DeskError(key, f"is no question; expected one of {', '.join(READERS)}")
         if isinstance(value, list | tuple) and key == "columns" and all(isinstance(name, str) for name in value):
             found |= {"columns": tuple(value)} if value else {}
             continue
-        if isinstance(value, bool) or not isinstance(value, str | int | float | datetime):
+        if isinstance(value, bool) or not isinstance(value, str | int | float | datetime | Mapping):
             raise DeskError(key, f"expected words or a number; got {value!r}")
-        text = value.isoformat() if isinstance(value, datetime) else str(value)
-        if not text.strip():
+        text = value.isoformat() if isinstance(value, datetime) else value if isinstance(value, Mapping) else str(value)
+        if not text or (isinstance(text, str) and not text.strip()):
             continue
         try:
-            found |= READERS[key](text)
+            read = read_answer(key, text)
         except ValueError as error:
             raise DeskError(key, str(error)) from None
-    return found
+        found |= read
+        own += read.get("own", ())
+    return {**found, "own": own}
 
 
-def check_stated(seen: Survey, answers: Answers) -> None:
-    """Compare answers with what the files state.
+def check_answers(seen: Survey, answers: Answers) -> None:
+    """Compare answers with what the files hold and state.
 
     Raises:
-        DeskError: they differ; an answer is for what the files leave open.
+        DeskError: there is no such channel, or they differ; an answer is for what the files leave open.
     """
+    for one in answers.own:
+        try:
+            check_own(seen, [one])
+        except ValueError as error:
+            raise DeskError(one.key, str(error)) from None
     rate = answers.rate_hz
     if rate is not None and seen.rate is not None and not math.isclose(rate, seen.rate, rel_tol=RATE_TOLERANCE):
         where = seen.first if seen.rate_from is None else f"the times of {shown(seen.rate_from)} in {seen.first}"
@@ -239,15 +243,16 @@ def check_stated(seen: Survey, answers: Answers) -> None:
             "Keys of a file that are not to be believed are named by [[source]] disregard",
         )
     stated = [row for row in seen.vibration if row.unit not in (None, "unknown")]
-    if answers.unit in (None, "unknown") or len(stated) < len(seen.vibration):
-        return
-    other = next((row for row in stated if row.unit != answers.unit), None)
-    if other is not None:
-        raise DeskError(
-            "unit",
-            f"{answers.unit} is answered, column {shown(other.title)} of {shown(seen.first)} states "
-            f"{shown(other.written)}; expected no answer, or the same",
-        )
+    for row in stated:
+        unit = answers.of(row, seen).unit
+        # An answer for all channels is that of those that state none.
+        is_other = unit == answers.unit and len(stated) < len(seen.vibration)
+        if unit not in (None, "unknown", row.unit) and not is_other:
+            raise DeskError(
+                "unit",
+                f"{unit} is answered, column {shown(row.title)} of {shown(seen.first)} states "
+                f"{shown(row.written)}; expected no answer, or the same",
+            )
 
 
 def with_columns(seen: Survey, columns: Sequence[str] | None) -> Survey:
@@ -290,7 +295,7 @@ def _proposed_bands(draft: Draft) -> Iterator[tuple[str, tuple[float, float]]]:
         return
     rows = draft.survey.vibration
     for row, name in zip(rows, channel_names(rows), strict=True):
-        bearing = bearing_of(row, name, draft.answers)[1]
+        bearing = bearing_of(draft.survey, row, name, draft.answers)[1]
         if bearing is None:
             continue
         lines = fundamentals(kinematics(bearing.geometry(), speed))

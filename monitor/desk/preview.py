@@ -69,7 +69,7 @@ def _channels(desk: ImportDesk, draft: Draft, points: int) -> Iterator[ChannelPr
     seen, rows = desk.seen, desk.seen.vibration
     speed = desk.answers.speed_hz or seen.speed or _speed_by_row(desk)
     for row, name in zip(rows, channel_names(rows), strict=True):
-        bearing, level = bearing_of(row, name, desk.answers)[1], level_in_g(row, draft)
+        bearing, level = bearing_of(draft.survey, row, name, desk.answers)[1], level_in_g(row, draft)
         values, factor = _values(desk, row), 1.0
         stored = row.level
         if level is not None and stored.rms > 0.0:
@@ -83,7 +83,7 @@ def _channels(desk: ImportDesk, draft: Draft, points: int) -> Iterator[ChannelPr
         yield ChannelPreview(
             name=name,
             bearing="" if bearing is None else bearing.designation or "by its geometry",
-            unit=VELOCITY if unit_of(row, desk.answers) == VELOCITY else "" if level_in_g(row, draft) is None else "g",
+            unit=VELOCITY if unit_of(row, desk.answers.of(row, desk.seen)) == VELOCITY else "" if level_in_g(row, draft) is None else "g",
             rms=level.rms,
             peak=level.peak,
             lines=lines,

@@ -9,7 +9,7 @@ from typing import Any
 from monitor.config.plausible.levels import doubts
 from monitor.config.plausible.machine import MAX_USUAL_SPEED_HZ
 from monitor.desk import answers as read
-from monitor.desk.answers import Answers, channel_names, check_bearings, has_all_bearings
+from monitor.desk.answers import Answers, channel_names, check_own, has_all_bearings, read_answer
 from monitor.words.numbers import duration
 from streams.dates.dating import NameReading, find_readings, nearest_change
 from streams.files.columns import hertz_in
@@ -150,22 +150,36 @@ def _files_reader(groups: NameGroups) -> Callable[[str], dict[str, Any]]:
 
 
 def _bearing_question(survey: Survey) -> Question:
-    names = channel_names(survey.vibration)
-    each = f" One for all channels, or {names[0]}=6206; {names[-1]}=6205." if len(names) > 1 else ""
-
-    def parse(text: str) -> dict[str, Any]:
-        found = read.read_bearing(text)
-        check_bearings(survey, found.get("bearings", ()))
-        return found
-
     return Question(
         "--bearing",
         "Bearing",
         "Its geometry gives the fault frequencies. What is printed on its ring, such as 6205-2RS, or number of "
-        f"elements, their diameter and pitch diameter in mm: 9 7.94 39.04.{each}",
+        f"elements, their diameter and pitch diameter in mm: 9 7.94 39.04.{_each(survey, '6206', '6205')}",
         None,
-        parse,
+        _reader(survey, "bearing"),
     )
+
+
+def _each(survey: Survey, *examples: str) -> str:
+    """Return in words how channels are answered one by one, "" where there is one."""
+    names = channel_names(survey.vibration)
+    return f" One for all channels, or {names[0]}={examples[0]}; {names[-1]}={examples[-1]}." if len(names) > 1 else ""
+
+
+def _reader(
+    survey: Survey, key: str, check: Callable[[dict[str, Any]], None] = lambda found: None
+) -> Callable[[str], dict[str, Any]]:
+    """Return a reader of an answer for all channels or some of them; ``check`` raises ValueError for what is none."""
+
+    def parse(text: str) -> dict[str, Any]:
+        found = read_answer(key, text)
+        own = found.get("own", ())
+        check_own(survey, own)
+        for fields in (found, *(one.fields for one in own)):
+            check(dict(fields))
+        return found
+
+    return parse
 
 
 def _pulses_question(survey: Survey, answers: Answers) -> Question:
@@ -240,9 +254,13 @@ def needs_scale(row: SurveyedRow, survey: Survey) -> bool:
 
 
 def _level_questions(survey: Survey, answers: Answers) -> Iterator[Question]:
-    integers = [row for row in survey.vibration if needs_scale(row, survey)]
-    scaled = answers.scale is not None or answers.range_g is not None or answers.unit == "unknown"
-    if integers and not scaled:
+    both = [(row, answers.of(row, survey)) for row in survey.vibration]
+    integers = [
+        row
+        for row, own in both
+        if needs_scale(row, survey) and own.scale is None and own.range_g is None and own.unit != "unknown"
+    ]
+    if integers:
         meant = "full scale" if integers[0].stored == FRACTIONS else "one count"
         yield Question(
             "--range-g, or --unit V --scale VOLTS --sensitivity-mv-per-g"
@@ -250,35 +268,35 @@ def _level_questions(survey: Survey, answers: Answers) -> Iterator[Question]:
             else "--scale",
             f"Level of {meant}",
             f"{_names(integers)} holds integers, and nothing states what {meant} is: 50 g, or 10 V at 100 mV/g, or "
-            "unknown for naming and relative trends only.",
+            f"unknown for naming and relative trends only.{_each(survey, '50 g', '10 V at 100 mV/g')}",
             None,
-            read.read_full_scale if integers[0].unit is None else _scale_in(integers[0].unit),
+            _reader(survey, "full_scale", _unit_check(integers[0].unit)),
         )
         return
-    bare = [row for row in survey.vibration if unit_of(row, answers) is None]
-    if bare and answers.range_g is None:
-        yield Question("--unit", "Unit of the vibration", _unit_words(bare), None, read.read_unit)
-    volts = [row for row in survey.vibration if unit_of(row, answers) == "V"]
-    if volts and answers.sensitivity_mv_per_g is None:
+    bare = [row for row, own in both if unit_of(row, own) is None and own.range_g is None]
+    if bare:
+        words = f"{_unit_words(bare)}{_each(survey, 'mV', 'g')}"
+        yield Question("--unit", "Unit of the vibration", words, None, _reader(survey, "unit"))
+    volts = [row for row, own in both if unit_of(row, own) == "V" and own.sensitivity_mv_per_g is None]
+    if volts:
         yield Question(
             "--sensitivity-mv-per-g",
             "Sensitivity of the sensor",
-            f"{_names(volts)} is in V, with an RMS of {1e3 * volts[0].level.rms:.3g} mV: 100 mV/g, 10.2 mV/(m/s2).",
+            f"{_names(volts)} is in V, with an RMS of {1e3 * volts[0].level.rms:.3g} mV: 100 mV/g, 10.2 mV/(m/s2)."
+            f"{_each(survey, '100', '10.2 mV/(m/s2)')}",
             None,
-            read.read_sensitivity,
+            _reader(survey, "sensitivity_mv_per_g"),
         )
 
 
-def _scale_in(unit: str) -> Callable[[str], dict[str, Any]]:
-    """Return a reader of levels that must be in the unit that the file states."""
+def _unit_check(unit: str | None) -> Callable[[dict[str, Any]], None]:
+    """Return a check that levels are in the unit that the file states, if it states one."""
 
-    def parse(text: str) -> dict[str, Any]:
-        found = read.read_full_scale(text)
-        if found["unit"] not in (unit, "unknown"):
-            raise ValueError(f"the file states {unit}, got {text!r}")
-        return found
+    def check(found: dict[str, Any]) -> None:
+        if unit is not None and found.get("unit", unit) not in (unit, "unknown"):
+            raise ValueError(f"the file states {unit}, got {found['unit']}")
 
-    return parse
+    return check
 
 
 def _names(rows: Sequence[SurveyedRow]) -> str:

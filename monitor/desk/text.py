@@ -60,7 +60,8 @@ def machine_name(place: Path) -> str:
 
 def level_in_g(row: SurveyedRow, draft: Draft) -> SignalLevel | None:
     """Return the level of a row in g, None where its unit does not give it."""
-    answers, unit = draft.answers, unit_of(row, draft.answers)
+    answers = draft.answers.of(row, draft.survey)
+    unit = unit_of(row, answers)
     if needs_scale(row, draft.survey) and answers.range_g is not None and answers.scale is None:
         return row.level.times(answers.range_g)
     one_g = None if unit is None else of_one_g(unit, answers.sensitivity_mv_per_g)
@@ -70,7 +71,7 @@ def level_in_g(row: SurveyedRow, draft: Draft) -> SignalLevel | None:
 def scale_of(row: SurveyedRow, draft: Draft) -> float | None:
     """Return the scale of a channel, None where it needs none."""
     needed = needs_scale(row, draft.survey) or row.unit is None
-    return draft.answers.scale if needed else None
+    return draft.answers.of(row, draft.survey).scale if needed else None
 
 
 def configuration_text(draft: Draft) -> str:
@@ -234,8 +235,10 @@ def _dates(draft: Draft) -> Iterator[str]:
 def _channels(draft: Draft) -> Iterator[str]:
     rows = draft.survey.vibration
     bands = dict(draft.bands)
+    several = len(rows) > 1 and len(bearing_sections(draft.survey, draft.answers)) == 1
     for row, name in zip(rows, channel_names(rows), strict=True):
-        unit = unit_of(row, draft.answers) or ("g" if draft.answers.range_g is not None else "unknown")
+        answers = draft.answers.of(row, draft.survey)
+        unit = unit_of(row, answers) or ("g" if answers.range_g is not None else "unknown")
         level = level_in_g(row, draft)
         yield from ("", "[[channel]]")
         factor = scale_of(row, draft) or 1.0
@@ -248,14 +251,14 @@ def _channels(draft: Draft) -> Iterator[str]:
         yield _pair("unit", unit, of_file)
         if unit == VELOCITY:
             yield _pair("sensor_max_hz", USUAL_LIMIT, "acceleration is differentiated up to here", off=True)
-        if unit == "V" and draft.answers.sensitivity_mv_per_g is not None:
-            yield _pair("sensitivity_mv_per_g", draft.answers.sensitivity_mv_per_g)
+        if unit == "V" and answers.sensitivity_mv_per_g is not None:
+            yield _pair("sensitivity_mv_per_g", answers.sensitivity_mv_per_g)
         scale = scale_of(row, draft)
         if scale is not None and unit != "unknown":
             meant = {FRACTIONS: "at full scale", COUNTS: "of one count"}.get(row.stored, "of one in the file")
             yield _pair("scale", scale, f"{unit} {meant}")
-        several = len(rows) > 1 and not draft.answers.bearings
-        yield _pair("bearing", bearing_of(row, name, draft.answers)[0], "of all channels" if several else "")
+        section = bearing_of(draft.survey, row, name, draft.answers)[0]
+        yield _pair("bearing", section, "of all channels" if several else "")
         yield _pair("band_hz", "auto", "chosen on the first blocks")
         if name in bands:
             low, high = bands[name]

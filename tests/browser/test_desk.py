@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
@@ -80,6 +81,36 @@ def test_a_folder_becomes_a_configuration_by_keyboard_alone(shop: Served, visito
     page.keyboard.press("Enter")
     expect(page.locator(".saved")).to_contain_text("press.toml is there already")
     visit.trouble.remove(next(line for line in visit.trouble if line.startswith("400: ")))
+
+
+@pytest.mark.browser
+def test_each_column_is_given_a_unit_of_its_own(shop: Served, visitor: Visitor) -> None:
+    noise = np.random.default_rng(4).normal(size=(5000, 2)) * [98.1, 0.5]
+    place = shop.folder / "recordings" / "mixed.csv"
+    np.savetxt(place, noise, "%.6f", ",", header="Sample rate: 5000 Hz\nDE,NDE", comments="")
+    page = visitor(shop.url, width=390, height=844).go("#/import")
+    page.locator('input[type="password"]').fill(shop.token)
+    page.keyboard.press("Enter")
+    page.get_by_role("button", name="recordings/").click()
+    page.get_by_role("button", name="mixed.csv").click()
+    columns = page.get_by_role("table", name="Columns of the first file")
+    page.get_by_label("Unit of DE", exact=True).fill("mV")
+    page.keyboard.press("Tab")
+    expect(page.get_by_label("Sensitivity of DE")).to_be_visible()
+    expect(page.get_by_label("NDE is vibration")).to_be_focused()
+    page.get_by_label("Sensitivity of DE").fill("98.1 mV/g")
+    page.get_by_label("Unit of NDE").fill("g")
+    page.keyboard.press("Tab")
+    expect(columns).to_contain_text("g (your answer)")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    type_into(page, "bearing", "6205")
+    type_into(page, "speed_hz", "estimate")
+    page.keyboard.press("Enter")
+    page.locator("#desk-file").press("Enter")
+    expect(page.get_by_role("status").filter(has_text="Saved as mixed.toml")).to_be_visible()
+    de, nde = load_config(shop.folder / "mixed.toml").channel
+    assert (de.unit, de.scale, de.sensitivity_mv_per_g) == ("V", 1e-3, 98.1)
+    assert (nde.unit, nde.scale, nde.sensitivity_mv_per_g) == ("g", None, None)
 
 
 @pytest.mark.browser

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import textwrap
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import click
 
 from monitor.commands import option
-from monitor.commands.common import InputError, input_errors, output_errors, say
-from monitor.desk import answers as read
-from monitor.desk.answers import Answers, check_bearings
+from monitor.commands.common import InputError, output_errors, say
+from monitor.desk.answers import Answers, read_answer
 from monitor.desk.description import date_words, left_out_words
-from monitor.desk.desk import DeskError, DraftedConfig, ImportDesk, check_stated, look
+from monitor.desk.desk import DeskError, DraftedConfig, ImportDesk, check_answers, look
 from monitor.desk.questions import Question, no_vibration_words
 from monitor.desk.text import machine_name
 from monitor.health.signal.quality import check_samples
@@ -26,18 +25,14 @@ from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown
 
 
-def _words(reader: Callable[[str], dict[str, Any]]) -> Callable[[Any, Any, str | None], dict[str, Any]]:
-    """Return a callback of an option whose words a reader understands."""
-
-    def convert(ctx: click.Context, param: click.Parameter, value: str | None) -> dict[str, Any]:
-        if value is None:
-            return {}
-        try:
-            return reader(value)
-        except ValueError as error:
-            raise click.BadParameter(str(error), ctx, param) from None
-
-    return convert
+def _words(ctx: click.Context, param: click.Parameter, value: str | None) -> dict[str, Any]:
+    """Return the fields of an answer in words: the callback of an option."""
+    if value is None:
+        return {}
+    try:
+        return read_answer(str(param.name), value)
+    except ValueError as error:
+        raise click.BadParameter(str(error), ctx, param) from None
 
 
 _WIDTH = 88
@@ -45,25 +40,25 @@ _WIDTH = 88
 
 @click.command("init")
 @click.argument("path", default=".", type=option.PLACE)
+@click.option("--bearing", callback=_words, help="Designation (6205-2RS), or geometry: 9 7.94 39.04.")
+@click.option("--speed-hz", callback=_words, help='29.5, "1770 rpm" or "estimate".')
+@click.option("--speed-unit", callback=_words, help="rpm or Hz, of a speed in the files.")
+@click.option("--load-newton", callback=_words, help='400, "0.4 kN" or "unknown".')
+@click.option("--unit", callback=_words, help='g, m/s2, V, mV or unknown; of each channel "mV; NDE=g".')
 @click.option(
-    "--bearing", callback=_words(read.read_bearing), help="Designation (6205-2RS), or geometry: 9 7.94 39.04."
+    "--sensitivity-mv-per-g",
+    callback=_words,
+    help='Of the sensor, where the unit is V: 100, or "100; NDE=10.2 mV/(m/s2)".',
 )
-@click.option("--speed-hz", callback=_words(read.read_speed), help='29.5, "1770 rpm" or "estimate".')
-@click.option("--speed-unit", callback=_words(read.read_speed_unit), help="rpm or Hz, of a speed in the files.")
-@click.option("--load-newton", callback=_words(read.read_load), help='400, "0.4 kN" or "unknown".')
-@click.option("--unit", callback=_words(read.read_unit), help="Of the vibration: g, m/s2, V, mV or unknown.")
-@click.option(
-    "--sensitivity-mv-per-g", callback=_words(read.read_sensitivity), help="Of the sensor, where the unit is V."
-)
-@click.option("--scale", type=click.FloatRange(), help="The unit of one count, or at full scale (WAV).")
+@click.option("--scale", callback=_words, help="The unit of one count, or at full scale (WAV).")
 @click.option("--range-g", type=option.POSITIVE, help="The g at full scale (WAV).")
-@click.option("--rate-hz", callback=_words(read.read_rate), help="Sampling rate, where the files state none.")
-@click.option("--start-utc", callback=_words(read.read_start), help="Start of the first file, mtime, or none.")
-@click.option("--interval-s", callback=_words(read.read_interval), help="Between the starts of files that are counted.")
-@click.option("--time-name", callback=_words(read.read_pattern), help="strptime pattern of the dates in names.")
-@click.option("--date-order", callback=_words(read.read_order), help="day_first or month_first.")
-@click.option("--pulses-per-revolution", callback=_words(read.read_pulses), help="Of a tacho in the files.")
-@click.option("--files", callback=_words(read.read_files), help="together or sequence, where names fall into groups.")
+@click.option("--rate-hz", callback=_words, help="Sampling rate, where the files state none.")
+@click.option("--start-utc", callback=_words, help="Start of the first file, mtime, or none.")
+@click.option("--interval-s", callback=_words, help="Between the starts of files that are counted.")
+@click.option("--time-name", callback=_words, help="strptime pattern of the dates in names.")
+@click.option("--date-order", callback=_words, help="day_first or month_first.")
+@click.option("--pulses-per-revolution", callback=_words, help="Of a tacho in the files.")
+@click.option("--files", callback=_words, help="together or sequence, where names fall into groups.")
 @click.option("--timezone", default="UTC", help="Zone of dates that state none.")
 @click.option("--format", "kind", default="auto", help="Format or data set, where it is not recognised.")
 @click.option("--name", help="Of the machine. Default: the folder's.")
@@ -74,24 +69,23 @@ _WIDTH = 88
 )
 @option.output
 def command(
-    path: str, scale: float | None, range_g: float | None, timezone: str, kind: str, name: str | None, out: Path,
+    path: str, range_g: float | None, timezone: str, kind: str, name: str | None, out: Path,
     force: bool, yes: bool, as_json: bool, quiet: bool, **given: dict[str, Any],
 ) -> option.Result:  # fmt: skip
     """Look at the files of PATH, ask what they do not state, and write a configuration that `check` accepts.
 
     PATH is a folder into which a logger writes, or one recording. Options answer questions in advance.
     """
-    answers = Answers(scale=scale, range_g=range_g)
+    # The factor of a unit such as mV takes precedence.
+    answers = Answers(range_g=range_g).answered(given.pop("scale"))
     for found in given.values():
-        answers = replace(answers, **found)
+        answers = answers.answered(found)
     _check_out(out, force=force, ask=not yes, to_stderr=as_json)
     seen = look(path, kind, timezone)
     if not seen.vibration:
         raise InputError(f"{shown(path)}: {no_vibration_words(seen)}")
-    with input_errors("--bearing"):
-        check_bearings(seen, answers.bearings)
     try:
-        check_stated(seen, answers)
+        check_answers(seen, answers)
     except DeskError as error:
         raise InputError(f"--{error.key.replace('_', '-')}: {error.sentence}") from None
     talk = _Talk(ask=not yes, to_stderr=as_json, quiet=quiet)
@@ -179,12 +173,14 @@ class _Conversation:
                 return found
 
     def _answer_all(self, last_problem: str) -> None:
-        asked: set[str] = set()
+        asked: set[tuple[str, str]] = set()
         while self.talk.ask:
-            question = next((one for one in self.desk.questions(last_problem) if one.key not in asked), None)
+            # A question for the channels that were left open has other words.
+            open_ones = self.desk.questions(last_problem)
+            question = next((one for one in open_ones if (one.key, one.why) not in asked), None)
             if question is None:
                 return
-            asked.add(question.key)
+            asked.add((question.key, question.why))
             try:
                 self.desk = self.desk.answered(self.talk.answer(question))
             except click.Abort:

@@ -30,6 +30,7 @@ export class Desk {
     this.place = null;
     this.answers = {};
     this.columns = null;
+    this.own = {};
     this.inputs = new Map();
     this.body = h("div", null);
     this.element = h("div", { class: "desk" }, h("div", { class: "bar" }, h("h1", null, "Import a recording")), this.body);
@@ -86,6 +87,7 @@ export class Desk {
     this.place = path;
     this.answers = {};
     this.columns = null;
+    this.own = {};
     this.inputs.clear();
     this.form = h("div", { class: "fields" });
     this.said = h("p", { class: "wrong", role: "alert" });
@@ -109,6 +111,10 @@ export class Desk {
     const given = { path: this.place, answers };
     for (const [key, { input }] of this.inputs) if (input.value.trim()) (BESIDE.includes(key) ? given : answers)[key] = input.value.trim();
     if (this.columns) answers.columns = this.columns;
+    for (const [key, all] of Object.entries(this.own)) {
+      const own = Object.entries(all).filter(([title]) => !this.columns || this.columns.includes(title));
+      if (own.length) answers[key] = { ...(answers[key] && { "": answers[key] }), ...Object.fromEntries(own) };
+    }
     return given;
   }
 
@@ -151,7 +157,9 @@ export class Desk {
   show(found) {
     this.found = found;
     this.ask(found);
+    const focused = this.result.contains(document.activeElement) ? document.activeElement.ariaLabel : null;
     fill(this.result, this.columnCard(found), this.factCard(found), this.drawings(found), this.checkCard(found), this.saveCard(found));
+    if (focused) [...this.result.querySelectorAll("input")].find((input) => input.ariaLabel === focused)?.focus();
     const open = found.questions.filter((question) => question.default === null);
     this.app.say(open.length ? `${fmt.counted(open.length, "answer")} missing: ${open.map((question) => question.words).join(", ")}` : "The configuration is complete");
   }
@@ -190,7 +198,7 @@ export class Desk {
       box.checked = column.taken;
       box.value = column.title;
       const level = column.rms_g === null ? fmt.number(column.rms) : fmt.withUnit(column.rms_g, "g");
-      const unit = column.unit === null ? h("b", null, "open") : `${column.unit} (${originWord(column.origin)})`;
+      const unit = this.unitCell(column);
       const why = column.written ? `${column.place}, written “${column.written}”` : column.place;
       return [box, h("b", null, column.title), column.taken ? columnKind("vibration") : `${columnKind(column.kind)}${column.evidence ? `: ${column.evidence}` : ""}`,
         column.taken ? [h("span", { class: "narrow" }, "unit "), unit] : "", [h("span", { class: "narrow" }, "RMS "), level], h("span", { class: "note" }, why)];
@@ -199,6 +207,24 @@ export class Desk {
     const asked = found.questions.find((question) => question.key === "columns");
     return h("section", { class: "card" }, h("h2", null, "Columns"), asked && h("p", { class: "wrong" }, `${asked.why} Tick those that are.`),
       table("Columns of the first file", ["Taken", "Column", "Read as", "Unit", "RMS", "By"], rows, "stacked"));
+  }
+
+  /** The unit of a column; what the file leaves open is answered there for this column alone. */
+  unitCell(column) {
+    const read = column.unit === null ? h("b", null, "open") : `${column.unit} (${originWord(column.origin)})`;
+    const field = (key, label, hint) => {
+      const own = (this.own[key] ??= {});
+      const input = h("input", { class: "own", name: `${key}:${column.title}`, "aria-label": `${label} of ${column.title}`, placeholder: hint, autocomplete: "off", spellcheck: "false", onchange: () => this.look(), oninput: () => {
+        // What is typed while an answer to the last request comes is kept.
+        if (input.value.trim()) own[column.title] = input.value.trim();
+        else delete own[column.title];
+      } });
+      input.value = own[column.title] ?? "";
+      return input;
+    };
+    if (!column.taken) return read;
+    return [read, column.origin !== "stated" && field("unit", "Unit", column.unit ?? "g, m/s2, mV"),
+      column.unit === "V" && field("sensitivity_mv_per_g", "Sensitivity", column.sensitivity_mv_per_g === null ? "100 mV/g" : `${fmt.number(column.sensitivity_mv_per_g)} mV/g`)];
   }
 
   chooseColumns() {

@@ -176,6 +176,66 @@ def test_an_answer_that_is_none_is_a_programming_error(press: Path) -> None:
         sw.describe(press, speed=29.5)  # pyright: ignore[reportCallIssue]
 
 
+def _three_columns(folder: Path) -> Path:
+    """Write a file of 1 g in mV at 98.1 mV/g, 0.5 g in g, and a tacho, of which only the tacho states a unit."""
+    folder.mkdir(exist_ok=True)
+    noise = np.random.default_rng(4).normal(size=(2, RATE))
+    tacho = np.where(np.arange(RATE) * 29.5 / RATE % 1.0 < 0.1, 4.8, 0.1)
+    rows = np.column_stack([98.1 * noise[0] / noise[0].std(), 0.5 * noise[1] / noise[1].std(), tacho])
+    place = folder / "2026-03-01_000000.csv"
+    np.savetxt(place, rows, "%.6f", ",", header=f"Sample rate: {RATE} Hz\nDE,NDE,Tacho [V]", comments="")
+    return place
+
+
+OWN: dict[str, dict[str, Any]] = {
+    "in words": {"unit": "DE=mV; NDE=g", "sensitivity_mv_per_g": "DE=98.1 mV/g"},
+    "one for all others": {"unit": "g; DE=mV", "sensitivity_mv_per_g": 98.1},
+    "by names": {"unit": {"DE": "mV", "NDE": "g"}, "sensitivity_mv_per_g": {"DE": 98.1}},
+    "the other way round": {"unit": {"": "mV", "NDE": "g"}, "sensitivity_mv_per_g": {"DE": "10.0034 mV/(m/s2)"}},
+    "the unit of one number": {"unit": "DE=g; NDE=g", "scale": "DE=0.0101936799"},
+}
+
+
+@pytest.mark.parametrize("given", OWN.values(), ids=OWN)
+def test_each_column_has_a_unit_and_a_sensitivity_of_its_own(given: dict[str, Any], tmp_path: Path) -> None:
+    found = sw.describe(_three_columns(tmp_path), out=tmp_path / "config.toml", **(GIVEN | given))
+    assert [column.rms_g for column in found.columns if column.taken] == pytest.approx([1.0, 0.5], rel=1e-3)
+    found.save()
+    config = load_config(tmp_path / "config.toml")
+    assert [channel.name for channel in config.channel] == ["DE", "NDE"]
+    assert config.channel[1].unit == "g"
+    assert config.channel[1].scale in (None, 1.0)
+    assert config.channel[1].sensitivity_mv_per_g is None
+    assert config.operating.tacho_channel == "Tacho [V]"
+
+
+def test_the_command_takes_the_units_of_columns_in_the_same_words(tmp_path: Path) -> None:
+    place = _three_columns(tmp_path / "data")
+    given = OWN["in words"]
+    found = sw.describe(place, out=tmp_path / "python.toml", **(GIVEN | given)).configuration()
+    words = ["--unit", given["unit"], "--sensitivity-mv-per-g", given["sensitivity_mv_per_g"]]
+    done = run_command("init", str(place), "--bearing", "6205", "--speed-hz", "29.5 Hz", *words, "--yes", "--out",
+                       "python.toml", cwd=tmp_path)  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "python.toml").read_text() == found
+    done = run_command("replay", str(place), "--config", "python.toml", "--out", "out", "--no-report", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    records = sw.open_records(next((tmp_path / "out" / "records").glob("*.nc")))
+    assert (records["rms"].values.ravel() / 9.80665) == pytest.approx([1.0, 0.5], rel=1e-3)
+
+
+def test_the_columns_that_are_left_open_are_asked(tmp_path: Path) -> None:
+    place = _three_columns(tmp_path)
+    (question,) = sw.describe(place, unit={"DE": "mV"}, sensitivity_mv_per_g=98.1, **GIVEN).missing
+    assert question.key == "unit"
+    assert question.why.startswith("NDE: no unit is stated")
+    assert "DE=mV; NDE=g" in question.why
+    with pytest.raises(sw.DeskError, match=r"unit: 'XDE' is no channel; expected one of DE, NDE"):
+        sw.describe(place, unit={"XDE": "mV"}, **GIVEN)
+    with pytest.raises(sw.DeskError, match=r"rate_hz: expected one answer for all channels"):
+        sw.describe(place, rate_hz={"DE": 1.0}, **GIVEN)  # pyright: ignore[reportArgumentType]
+
+
 def test_where_no_column_seems_vibration_the_columns_are_asked(tmp_path: Path) -> None:
     times = np.arange(RATE) / RATE
     lines = [f"{time:.4f},{20 + time:.4f}" for time in times]
