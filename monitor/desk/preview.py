@@ -83,7 +83,11 @@ def _channels(desk: ImportDesk, draft: Draft, points: int) -> Iterator[ChannelPr
         yield ChannelPreview(
             name=name,
             bearing="" if bearing is None else bearing.designation or "by its geometry",
-            unit=VELOCITY if unit_of(row, desk.answers.of(row, desk.seen)) == VELOCITY else "" if level_in_g(row, draft) is None else "g",
+            unit=VELOCITY
+            if unit_of(row, desk.answers.of(row, desk.seen)) == VELOCITY
+            else ""
+            if level_in_g(row, draft) is None
+            else "g",
             rms=level.rms,
             peak=level.peak,
             lines=lines,

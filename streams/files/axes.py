@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import re
 
-from streams.files.statements import Facts, is_of_vibration, known_unit, named
-from streams.files.time_column import UNITS_OF_TIME
+from streams.files.keys import TIME_UNITS
+from streams.files.statements import Facts, is_of_vibration, known_unit, named, plain_unit
 from streams.types.samples import ReaderError
 
 _WORDS = ("axis", "label", "title", "axistitle", "axislabel", "axisname", "achse", "achsentitel")
@@ -34,13 +34,13 @@ def abscissa_size(facts: Facts, where: str) -> float | None:
     stated += [(place, _unit_of_axis(value)) for _, place, value in named(facts, _X)]
     sizes: dict[float, str] = {}
     for place, unit in stated:
-        word = (unit or "").lower()
+        word = plain_unit(unit or "")
         if word in _FREQUENCIES:
             raise ReaderError(
                 "wrong_shape", f"{where}: {place} states {unit}: a spectrum, where samples over time were expected"
             )
-        if word in UNITS_OF_TIME:
-            sizes[UNITS_OF_TIME[word]] = f"{place} {unit}"
+        if word in TIME_UNITS:
+            sizes[TIME_UNITS[word]] = f"{place} {unit}"
     if len(sizes) > 1:
         raise ReaderError("wrong_rate", f"{where}: several units of time are stated: {', '.join(sizes.values())}")
     return next(iter(sizes), None)
@@ -54,5 +54,5 @@ def _unit_of_axis(value: object) -> str | None:
     if inside is not None:
         return known_unit(inside[1])
     last = known_unit(value.split()[-1]) if value.split() else None
-    word = (last or "").lower()
-    return last if is_of_vibration(last) or word in UNITS_OF_TIME or word in _FREQUENCIES else None
+    word = plain_unit(last or "")
+    return last if is_of_vibration(last) or word in TIME_UNITS or word in _FREQUENCIES else None

@@ -9,16 +9,23 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from streams.files.abscissa import (
+    abscissa_called,
+    abscissa_of,
+    column_statements,
+    is_even,
+    refuse_spectrum,
+    running,
+    split_unit,
+)
 from streams.files.judge import Start, judge_rate, judge_start
-from streams.files.keys import SPEED_UNITS, UNIT_IN_NAME
+from streams.files.keys import SPEED_UNITS
 from streams.files.statements import StatedNumber, multiple_of
-from streams.files.time_column import UNITS_OF_TIME, TimeColumn, column_statements, time_column
 from streams.types.block import VELOCITY
 from streams.types.samples import DIGITAL, ReaderError, Samples
 from streams.types.spec import UNITS, ChannelSpec
@@ -28,49 +35,11 @@ Kind = Literal["vibration", "speed", "load", "tacho", "time", "index", "other"]
 
 _MAX_LOOKED = 1 << 16
 """Samples whose shape is looked at."""
-_MIN_EVEN, _MIN_RUNNING, _MIN_SLOW = 8, 64, 64
-"""Samples from which on a constant step, a run of any steps, and a slow change are evidence."""
-_MIN_LEVELS = 16
-_SAME_STEP = 1e-3
+_MIN_EVEN, _MIN_SLOW = 8, 64
+"""Samples from which on a constant step, and a slow change, are evidence."""
 _MAX_HELD, _MAX_SMOOTH, _FAR, _MAX_STATES = 0.05, 1e-3, 3.0, 8
 """A process value changes between few samples, or little from one to the next, and is this many SD from 0, or has few
 levels."""
-_WORDS = re.compile(r"[a-zäöüµμ]+|\d+")
-_SECONDS = {
-    "s": 1.0, "sec": 1.0, "secs": 1.0, "second": 1.0, "seconds": 1.0, "sekunden": 1.0, "secondi": 1.0,
-    "ms": 1e-3, "msec": 1e-3, "millis": 1e-3, "millisecond": 1e-3, "milliseconds": 1e-3,
-    "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "usec": 1e-6, "micros": 1e-6, "microsecond": 1e-6, "microseconds": 1e-6,
-    "ns": 1e-9, "nsec": 1e-9, "nanos": 1e-9, "nanosecond": 1e-9, "nanoseconds": 1e-9,
-    "min": 60.0, "minutes": 60.0, "h": 3600.0, "hours": 3600.0, "d": 86400.0, "day": 86400.0, "days": 86400.0,
-}  # fmt: skip
-_TIME_WORDS = {
-    *("time", "times", "timestamp", "timestamps", "stamp", "zeit", "zeiten", "zeitstempel", "uhrzeit", "tempo"),
-    *("temps", "tiempo", "epoch", "unix", "unixtime", "posix", "clock", "datetime", "elapsed", "ticks", "xvalue"),
-    *("millis", "micros", "nanos"),
-}
-_INDEX_WORDS = {
-    *("index", "idx", "indices", "number", "nr", "no", "num", "lfd", "counter", "count", "zähler", "zaehler", "seq"),
-    *("sequence", "sample", "samples", "samplenumber", "sampleno", "point", "points", "row", "line", "messpunkt"),
-    *("indice", "numero", "campione", "scan", "record"),
-}
-_FILLERS = {
-    "utc",
-    "local",
-    "since",
-    "start",
-    "rel",
-    "relative",
-    "abs",
-    "absolute",
-    "of",
-    "in",
-    "the",
-    "x",
-    "value",
-    "1970",
-}
-_LETTERS = {"t": "time", "ts": "time", "i": "index", "n": "index"}
-_JOINED = re.compile(r"^(time|times|timestamp|zeit|epoch|t)(?:in)?_?(s|sec|seconds|ms|us|µs|ns)$")
 _SPEEDS = re.compile(r"rpm|\bspeed|drehzahl|tacho|umdrehung|1/min|min-1|min\^-1|\bgiri|tr/min", re.IGNORECASE)
 _LOADS = re.compile(r"\bload|\bforce|kraft|\blast\b", re.IGNORECASE)
 _OTHERS = re.compile(
@@ -102,16 +71,16 @@ def kind_of(title: str, unit: str, values: NDArray[np.floating]) -> ColumnKind:
         unit: as the file spells it, "" where it states none.
         values: shape (sample,).
     """
-    name, behind = _split(re.split(r"[/.]", title)[-1])
-    run, called = running(values), _called(name, unit or behind)
+    name, behind = split_unit(re.split(r"[/.]", title)[-1])
+    axis, run = abscissa_called(name if not behind else f"{name} [{behind}]", unit), running(values)
     own = multiple_of(unit)[0] in UNITS
-    if run is None and called is not None and 1 < values.size < _MIN_EVEN and np.all(np.diff(values) > 0.0):
+    if run is None and axis.is_named and 1 < values.size < _MIN_EVEN and np.all(np.diff(values) > 0.0):
         run = "rises"
-    if run is not None and called == "time":
-        return ColumnKind("time", f"is called {name!r} and {run}")
+    if run is not None and axis.kind == "time" and (axis.is_named or is_even(values)):
+        return ColumnKind("time", f"is called {name!r} and {run}" if axis.is_named else f"{run}, in a unit of time")
     if run is not None:
         return ColumnKind("index", f"{run}, as times or running numbers do")
-    if called is not None and not own and name.lower() not in _LETTERS:
+    if axis.is_named and not own and len(name) > 2:
         return ColumnKind("other", f"is called {name!r}, which is no vibration")
     words = f"{title} {unit or behind}"
     if _SPEEDS.search(words):
@@ -125,41 +94,6 @@ def kind_of(title: str, unit: str, values: NDArray[np.floating]) -> ColumnKind:
     return ColumnKind("vibration")
 
 
-def _split(title: str) -> tuple[str, str]:
-    """Return a title without the unit behind it, and that unit, "" for none."""
-    match = UNIT_IN_NAME.match(title)
-    return (title.strip(), "") if match is None else (match[1].strip(), match[2].strip())
-
-
-def _called(name: str, unit: str) -> Literal["time", "index"] | None:
-    """Return whether a name is that of times or running numbers, as a whole."""
-    plain = name.lower().strip()
-    if plain in _LETTERS:
-        return "time" if _LETTERS[plain] == "time" else "index"
-    if _JOINED.match(plain):
-        return "time"
-    words = set(_WORDS.findall(plain.replace("_", " ")))
-    rest = words - _FILLERS - _SECONDS.keys()
-    if rest and rest <= _TIME_WORDS:
-        return "time"
-    if rest and rest <= _INDEX_WORDS | _TIME_WORDS:
-        return "index"
-    return "time" if words and not rest and unit.lower() in _SECONDS and words & {"x"} else None
-
-
-@lru_cache(maxsize=256)
-def _is_called_time(title: str) -> bool:
-    return _called(*_split(re.split(r"[/.]", title)[-1])) == "time"
-
-
-def counted_in(title: str, unit: str) -> TimeColumn:
-    """Return what a row of times counts, by its unit, which a file may state for all rows, or its name."""
-    name, behind = _split(re.split(r"[/.]", title)[-1])
-    by_unit, by_name = (UNITS_OF_TIME.get(text.lower()) for text in (re.split(r"\s+since\b", unit)[0], behind))
-    named = time_column(name)
-    return TimeColumn(title, by_unit or by_name or (None if named is None else named.size))
-
-
 def hertz_in(title: str, unit: str) -> float | None:
     """Return the Hz in one of a speed, 1/60 for rpm, by its unit or its name; None where neither states it."""
     for words in (unit.lower(), title.lower()):
@@ -168,47 +102,6 @@ def hertz_in(title: str, unit: str) -> float | None:
             if re.search(rf"(?<![a-z]){re.escape(spelling)}(?![a-z])", words):
                 return size
     return 1.0 / 60.0 if "giri/min" in title.lower() else None
-
-
-def running(values: NDArray[np.floating]) -> str | None:
-    """Return in words that a row runs on in one direction, also one that begins anew at a limit; None where it turns.
-
-    Equal steps are evidence from 8 samples on, others from 64 and 16 different values; so much vibration turns back.
-    """
-    # Of nearly all rows the first samples decide.
-    begin = values[:_MIN_RUNNING]
-    up, down = np.count_nonzero(begin[1:] > begin[:-1]), np.count_nonzero(begin[1:] < begin[:-1])
-    if begin.size < _MIN_EVEN or min(up, down) > (begin.size - 1) // 4:
-        return None
-    row = np.asarray(values[:_MAX_LOOKED], dtype=np.float64)
-    if not np.isfinite(row).all():
-        return None
-    steps = np.diff(row)
-    way = 1.0 if np.count_nonzero(steps > 0.0) >= np.count_nonzero(steps < 0.0) else -1.0
-    ahead, back = way * steps, way * steps < 0.0
-    word = "rises" if way > 0.0 else "falls"
-    if not back.any():
-        mean = float(ahead.mean())
-        even = mean > 0.0 and float(np.max(np.abs(ahead - mean))) <= _SAME_STEP * mean
-        if even:
-            return f"{word} by {mean:.6g} at each sample"
-        levels = np.count_nonzero(ahead) + 1
-        many = row.size >= _MIN_RUNNING and levels >= _MIN_LEVELS
-        return f"{word} from {row[0]:.9g} to {row[-1]:.9g} without turning back" if many else None
-    return _wrapping(row, ahead, back, word)
-
-
-def _wrapping(row: NDArray[np.float64], ahead: NDArray[np.float64], back: NDArray[np.bool_], word: str) -> str | None:
-    """Return that a row runs on but begins anew at a limit, None where it does not."""
-    span = float(np.ptp(row))
-    onward = ahead[~back]
-    few = np.count_nonzero(back) * _MIN_EVEN <= ahead.size and row.size >= _MIN_RUNNING
-    if not few or np.any(ahead[back] > -0.5 * span) or np.any(onward > 0.25 * span):
-        return None
-    # Of a pulse or a step most samples stay where they are.
-    if np.count_nonzero(onward) * 2 < onward.size:
-        return None
-    return f"{word} and begins anew {np.count_nonzero(back)} times"
 
 
 def _process_words(values: NDArray[np.floating], *, switches: bool) -> str | None:
@@ -308,7 +201,7 @@ def refuse_running(samples: Samples, channels: Sequence[ChannelSpec], where: str
 def with_times(samples: Samples, where: str) -> Samples:
     """Add the rate and the start that rows of times state, which stay among the rows.
 
-    A row is one of times by its name and because it rises; see :func:`streams.files.time_column.column_statements`.
+    A row is one of times by its name and because it rises; see :func:`streams.files.abscissa.column_statements`.
 
     Raises:
         ReaderError: ``wrong_rate`` where the times are not even, or the file states another rate; ``nan``;
@@ -317,10 +210,11 @@ def with_times(samples: Samples, where: str) -> Samples:
     rates: list[StatedNumber] = []
     starts: list[Start] = []
     for title, unit, row in zip(samples.names, samples.units, samples.values, strict=True):
-        if not _is_called_time(title) or kind_of(title, unit or "", row).kind != "time":
+        axis = abscissa_called(re.split(r"[/.]", title)[-1], unit or "")
+        refuse_spectrum(abscissa_of(axis.title, unit or "", row), where)
+        if axis.kind != "time" or kind_of(title, unit or "", row).kind != "time":
             continue
-        column = counted_in(title, unit or "")
-        stated, begins = column_statements(column, row, where)
+        stated, begins = column_statements(replace(axis, title=title), row, where)
         rates += stated
         starts += begins
     if not rates and not starts:

@@ -4,25 +4,34 @@ from __future__ import annotations
 
 import re
 
-UNITS = {
-    "g": "g", "gn": "g", "g_n": "g", "g0": "g", "gravity": "g",
-    "m/s2": "m/s2", "m/s^2": "m/s2", "m/s**2": "m/s2", "m/s²": "m/s2", "m/(s^2)": "m/s2", "m s-2": "m/s2",
-    "ms-2": "m/s2",
-    "m.s-2": "m/s2", "m s^-2": "m/s2", "m*s^-2": "m/s2", "m·s⁻²": "m/s2", "m/s/s": "m/s2", "meters/second^2": "m/s2",
-    "v": "V", "volt": "V", "volts": "V",
-    "mm/s": "mm/s", "mm/sec": "mm/s", "mm s-1": "mm/s", "mm s^-1": "mm/s", "mm·s⁻¹": "mm/s",
-    "unknown": "unknown",
-}  # fmt: skip
+_PREFIXES = {"": 1.0, "m": 1e-3, "u": 1e-6}
+_LENGTHS = {"mm": 1e-3, "um": 1e-6, "cm": 1e-2, "m": 1.0, "km": 1e3, "in": 0.0254, "ft": 0.3048}
+_VOLTS = {f"{prefix}v": size for prefix, size in _PREFIXES.items()}
+_SI = [f"m{power}" for power in ("/s2", "s-2", "/s/s", "/ss")]
+UNITS: dict[str, tuple[str, float]] = {
+    **{f"{prefix}{g}": ("g", size) for prefix, size in _PREFIXES.items() for g in ("g", "gn", "g_n", "g0", "gravity")},
+    **{
+        f"{length}{power}": ("m/s2", size)
+        for length, size in _LENGTHS.items()
+        for power in ("/s2", "s-2", "/s/s", "/ss")
+    },
+    "gal": ("m/s2", 1e-2),
+    **{f"{length}{power}": ("mm/s", 1e3 * size) for length, size in _LENGTHS.items() for power in ("/s", "s-1")},
+    "ips": ("mm/s", 25.4),
+    **{word: ("V", size) for word, size in _VOLTS.items()},
+    "unknown": ("unknown", 1.0),
+}
+"""By plain spelling (:func:`streams.files.statements.plain_unit`): the unit of ours of which each is a multiple."""
 RATES = ("rate", "samplerate", "samplingrate", "samplingfrequency", "samplefrequency", "samplefreq", "samplingfreq",
           "fs", "fsample", "abtastrate", "abtastfrequenz", "messrate", "scanrate", "acquisitionrate", "datarate",
           "outputdatarate", "odr", "samplespersecond", "samplespersec", "sps", "frequencedechantillonnage",
           "frequenceechantillonnage", "frecuenciademuestreo", "frequenzadicampionamento",
-          "tauxdechantillonnage")  # fmt: skip
+          "frequenzacampionamento", "tauxdechantillonnage", "サンプリング周波数")  # fmt: skip
 STEPS = ("dt", "deltat", "deltax", "wfincrement", "sampleinterval", "samplinginterval", "sampleperiod",
           "samplingperiod", "timestep", "timeincrement", "timeinterval", "xincrement", "abtastintervall",
           "abtastzeit", "abtastperiode", "periodedechantillonnage", "periodeechantillonnage", "pasdetemps",
-          "pasdechantillonnage", "periododemuestreo", "periododicampionamento")  # fmt: skip
-HERTZ = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "inhz": 1.0, "inkhz": 1e3}
+          "pasdechantillonnage", "periododemuestreo", "periododicampionamento", "サンプリング周期")  # fmt: skip
+HERTZ = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "inhz": 1.0, "inkhz": 1e3, "ss": 1.0, "sas": 1.0, "kss": 1e3}
 SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ins": 1.0, "inms": 1e-3, "inus": 1e-6}
 FACTORS = {
     **{word + end: ("rate", factor) for word in RATES for end, factor in HERTZ.items()},
@@ -57,6 +66,8 @@ MOMENTS = (
         "fechayhora",
         "inizio",
         "dataeora",
+        "begintime",
+        "測定日時",
     ),
 )
 """Keys of date and time of day in one; those of ``STARTS`` may state a day alone."""
@@ -66,7 +77,7 @@ CLOCKS = ("starttime", "time", "recordingtime", "acquisitiontime", "measurementt
           "uhrzeit", "messzeit", "aufnahmezeit", "zeit", "messbeginn", "timeofday", "heure", "hora", "ora")  # fmt: skip
 UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringunits", "einheit", "messeinheit", "yunit",
               "yunits", "yunitlabel", "unitlabel", "yaxisunit", "yaxisunits", "signalunit", "channelunit", "dataunit",
-              "dataunits", "physicalunit", "unitofmeasure", "unite", "unidad", "unita")  # fmt: skip
+              "dataunits", "physicalunit", "unitofmeasure", "unite", "unidad", "unita", "単位")  # fmt: skip
 TIME_KEYS = frozenset((*STARTS, *MOMENTS, *DATES, *CLOCKS))
 """Plain keys of dates and times of day."""
 ZONE_KEYS = {
@@ -88,15 +99,15 @@ DECIMATIONS = ("decimation", "decimationfactor", "decimate", "downsampling", "do
 """Plain keys of a number that a stated rate may have to be divided by."""
 PULSE_KEYS = ("pulsesperrevolution", "pulsesperrev", "ppr", "impulseproumdrehung")
 """Plain keys of the pulses of a whole turn."""
-PER_MINUTE = ("rpm", "1/min", "min-1", "min^-1", "/min", "u/min", "upm", "tr/min", "r/min", "rev/min")
-SPEED_UNITS = {**dict.fromkeys(PER_MINUTE, 1.0 / 60.0), "hz": 1.0, "1/s": 1.0, "rps": 1.0}
-LOAD_UNITS = {"n": 1.0, "kn": 1e3, "newton": 1.0}
-PER_SI = ("(m/s2)", "m/s2", "(m/s²)", "m/s²", "(m/s^2)", "m/s^2", "ms-2")
+SPEED_UNITS = {
+    **dict.fromkeys(("rpm", "1/min", "min-1", "/min", "u/min", "upm", "tr/min", "r/min", "rev/min"), 1.0 / 60.0),
+    **dict.fromkeys(("hz", "1/s", "rps"), 1.0),
+}
+LOAD_UNITS = {"n": 1.0, "kn": 1e3}
 LEVEL_UNITS = {
-    "mv/g": 1.0,
-    "v/g": 1e3,
-    **{f"mv/{si}": 9.80665 for si in PER_SI},
-    **{f"v/{si}": 9806.65 for si in PER_SI},
+    f"{volts}/{per}": 1e3 * size * of_one_g
+    for volts, size in _VOLTS.items()
+    for per, of_one_g in (("g", 1.0), ("gn", 1.0), *((si, 9.80665) for si in _SI))
 }
 SPEEDS = {
     **dict.fromkeys(("speed", "shaftspeed", "rotationalspeed", "rotationspeed", "rotatingspeed", "motorspeed"), ""),
@@ -112,7 +123,7 @@ LOADS = {
 }
 LEVELS = {
     **dict.fromkeys(("sensitivity", "sensorsensitivity", "transducersensitivity", "empfindlichkeit"), ""),
-    **dict.fromkeys(("sensibilite", "sensibilidad", "sensibilita"), ""),
+    **dict.fromkeys(("sensibilite", "sensibilidad", "sensibilita", "感度"), ""),
     **dict.fromkeys(("sensitivitymvperg", "sensitivitymvg"), "mv/g"),
 }
 """Plain keys of speed, load and sensitivity, each with the unit that the key names: without one the value must."""
@@ -128,8 +139,8 @@ SCALE_UNITS = {
     f"{unit}/{count}": size
     for count in COUNT
     for unit, size in (
-        *(("g", 1.0), ("mg", 1e-3), ("ug", 1e-6), ("µg", 1e-6)),
-        *((si, 1.0 / 9.80665) for si in ("m/s2", "m/s²", "m/s^2")),
+        *(("g", 1.0), ("mg", 1e-3), ("ug", 1e-6)),
+        *((si, 1.0 / 9.80665) for si in _SI),
     )
 }
 PER_G = {f"{count}/g": 1.0 for count in COUNT} | {f"{count}/mg": 1e3 for count in COUNT}
@@ -138,26 +149,26 @@ KEYS = frozenset((*FACTORS, *TIME_KEYS, *ZONE_KEYS, *SUMMER_KEYS, *DECIMATIONS,
                   *UNIT_KEYS, *PULSE_KEYS, *SPEEDS, *LOADS,
                   *LEVELS, *SCALES))  # fmt: skip
 """Plain keys that may state rate, unit, start, sensitivity, speed, load or pulses a revolution."""
-MULTIPLES = {
-    "mg": ("g", 1e-3), "µg": ("g", 1e-6), "ug": ("g", 1e-6), "mv": ("V", 1e-3), "µv": ("V", 1e-6), "uv": ("V", 1e-6),
-    "mm/s2": ("m/s2", 1e-3), "mm/s^2": ("m/s2", 1e-3), "mm/s²": ("m/s2", 1e-3), "um/s2": ("m/s2", 1e-6),
-    "µm/s²": ("m/s2", 1e-6), "cm/s2": ("m/s2", 1e-2), "cm/s^2": ("m/s2", 1e-2), "cm/s²": ("m/s2", 1e-2),
-    "gal": ("m/s2", 1e-2), "in/s2": ("m/s2", 0.0254), "in/s^2": ("m/s2", 0.0254), "ft/s2": ("m/s2", 0.3048),
-    "ft/s^2": ("m/s2", 0.3048),
-    "m/s": ("mm/s", 1e3), "m s-1": ("mm/s", 1e3), "m s^-1": ("mm/s", 1e3), "cm/s": ("mm/s", 10.0),
-    "um/s": ("mm/s", 1e-3), "µm/s": ("mm/s", 1e-3), "in/s": ("mm/s", 25.4), "ips": ("mm/s", 25.4),
-    "inch/s": ("mm/s", 25.4), "in/sec": ("mm/s", 25.4),
-}  # fmt: skip
 OTHER_UNITS = frozenset(
     (*("pa", "kpa", "hpa", "mpa", "bar", "mbar", "psi", "°c", "degc", "°f", "k", "a", "ma", "w", "kw", "n", "kn", "nm"),
-     *("%", "rpm", "1/min", "min-1", "u/min", "upm", "tr/min", "hz", "mm", "um", "µm", "mil", "l/min", "m3/h"))
+     *("%", *SPEED_UNITS, "mm", "um", "mil", "l/min", "m3/h", "ge", "gse"))
 )  # fmt: skip
 """Units behind a name that are none of a vibration."""
-DISPLACEMENTS = frozenset(("mm", "um", "µm", "micron", "microns", "mil", "mils", "nm", "inch"))
+DISPLACEMENTS = frozenset(("mm", "um", "micron", "microns", "mil", "mils", "nm", "in"))
 """Units of a vibration that is neither an acceleration nor a velocity."""
-LIKE_RATE = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sps": 1.0, "ksps": 1e3, "sa/s": 1.0, "1/s": 1.0,
-              "ksa/s": 1e3, "ks/s": 1e3, "samples/s": 1.0, "samples/sec": 1.0}  # fmt: skip
-LIKE_STEP = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+LIKE_RATE = {
+    "": 1.0,
+    **{
+        f"{prefix}{unit}": size
+        for unit in ("hz", "s/s", "sps", "sa/s", "samples/s", "scans/s")
+        for prefix, size in (("", 1.0), ("k", 1e3), ("m", 1e6))
+    },
+    "1/s": 1.0,
+    "k": 1e3,
+}
+LIKE_STEP = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = {**LIKE_STEP, "min": 60.0, "h": 3600.0, "d": 86400.0, "days": 86400.0, "minutes": 60.0, "hours": 3600.0}
+"""Units of a column of times in s."""
 MONTH_NAMED = r"\d{1,2}[- ][A-Za-z]{3,9}[- ](?:\d{4}|\d\d)|[A-Za-z]{3,9} \d{1,2}, \d{4}"
 UNIT_IN_NAME = re.compile(r"^(.*?)\s*[\[(]([^\])]*)[\])]\s*$")
 """A name with its unit behind it."""

@@ -66,7 +66,10 @@ def check_stated(spec: SourceSpec, data_set: DataSet, facts: FileFacts, samples:
     if facts.rate is None and not states_rate and spec.rate is None:
         raise SourceError(f"{where}: rate_hz is missing: neither the files nor {data_set.name} state a rate")
     states_unit = data_set.states_unit and (
-        samples is None or any(map(is_of_vibration, samples.units)) or None not in samples.units
+        samples is None
+        or any(map(is_of_vibration, samples.units))
+        or any(scale is not None for scale in samples.count_scales)
+        or None not in samples.units
     )
     if data_set.unit is None and not states_unit and not spec.channels:
         raise SourceError(f"{where}: a [[channel]] with its unit is missing: these files do not state one")

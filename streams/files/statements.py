@@ -12,6 +12,7 @@ import re
 import unicodedata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,6 @@ from streams.files.keys import (
     MAX_OPEN_RATE,
     MOMENTS,
     MONTH_NAMED,
-    MULTIPLES,
     NUMBER,
     PER_G,
     PLAIN_RATES,
@@ -52,17 +52,48 @@ from streams.types.samples import ReaderError
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
 
 Facts = Mapping[str, object]
+_LEAST_HZ = 50.0
+"""Least rate of vibration of bearings."""
 STORED = "stored as"
 DECIMAL_COMMA = "decimal comma"
 """Keys among facts for how numbers are stored, and that they are written with commas; the blank keeps them apart from
 plain keys."""
 
 
+_SPELLINGS = tuple(
+    (re.compile(pattern), plain)
+    for pattern, plain in (
+        (r"\s+per\s+", "/"),
+        (r"milli[- ]?(?=[a-z])", "m"),
+        (r"mi[ck]ro[- ]?(?=[a-z])(?!ns?(?![a-z]))", "u"),
+        (r"nano[- ]?(?=[a-z])", "n"),
+        (r"se[ck](?:ond[eio]?|unden?)?s?(?![a-z])", "s"),
+        (r"met(?:er|re)s?(?![a-z])", "m"),
+        (r"(?<![a-z])inch(?:es)?(?![a-z])", "in"),
+        (r"volts?(?![a-z])", "v"),
+        (r"newton(?![a-z])", "n"),
+        (r"(?<![a-z])g['’´]s(?![a-z])", "g"),
+        (r"[\s.·⋅*^()\[\]]", ""),
+    )
+)
+
+
+@lru_cache(maxsize=1024)
+def plain_unit(text: str) -> str:
+    """Return a unit in lower case without powers, dots, brackets and blanks: ``ms-2`` for ``m·s⁻²``."""
+    plain = unicodedata.normalize("NFKC", text).replace("\N{MINUS SIGN}", "-").lower()
+    plain = plain.replace("\N{GREEK SMALL LETTER MU}", "u")
+    for pattern, spelling in _SPELLINGS:
+        plain = pattern.sub(spelling, plain)
+    return plain
+
+
 def plain_key(key: str) -> str:
-    """Return letters and digits in lower case, without accents: ``samplingratehz``."""
+    """Return letters and digits in lower case, without accents: ``samplingratehz``; those of Japanese as they are."""
     if not key.isascii():
-        key = unicodedata.normalize("NFKD", key)
-    return re.sub(r"[^a-z0-9]", "", key.lower())
+        key = unicodedata.normalize("NFKD", key.replace("Δ", "delta").replace("µ", "u").replace("μ", "u"))
+        key = unicodedata.normalize("NFC", re.sub("[\u0300-\u036f]", "", key))
+    return re.sub("[^a-z0-9\u3041-\u30ff\u4e00-\u9fff]", "", key.lower())
 
 
 def add_fact(facts: dict[str, object], key: str, value: object, place: str = "") -> None:
@@ -100,10 +131,11 @@ def known_unit(text: object) -> str | None:
     """
     if not isinstance(text, str):
         return None
-    bare = text.strip().strip("[]()").strip().replace("\N{GREEK SMALL LETTER MU}", "µ")
+    bare = re.sub(r"^[\[(]\s*([^()\[\]]*)[\])]$", r"\1", text.strip()).strip()
     if not bare or bare.lower() in ("none", "-", "n/a", "1"):
         return None
-    return UNITS.get(bare.lower(), bare[:40])
+    own, factor = UNITS.get(plain_unit(bare), ("", 0.0))
+    return own if factor == 1.0 else bare[:40].replace("\N{GREEK SMALL LETTER MU}", "µ")
 
 
 def multiple_of(unit: str | None) -> tuple[str, float]:
@@ -111,7 +143,7 @@ def multiple_of(unit: str | None) -> tuple[str, float]:
 
     Any other unit is returned as it is, "" for None.
     """
-    return MULTIPLES.get((unit or "").lower(), (unit or "", 1.0))
+    return UNITS.get(plain_unit(unit or ""), (unit or "", 1.0))
 
 
 def is_of_vibration(unit: str | None) -> bool:
@@ -121,7 +153,7 @@ def is_of_vibration(unit: str | None) -> bool:
 
 def quantity_words(unit: str | None) -> str:
     """Return why a unit of displacement is refused, and what to do, behind a comma; "" for any other unit."""
-    if (unit or "").lower() not in DISPLACEMENTS:
+    if plain_unit(unit or "") not in DISPLACEMENTS:
         return ""
     return ", a displacement; an acceleration or a velocity is needed: export that of the sensor"
 
@@ -158,9 +190,10 @@ def number_in(value: object, place: str, units: Mapping[str, float], *, comma: b
         fits = math.isfinite(number) and "" in units
         return StatedNumber(place, f"{number:.10g}", (number * units[""],)) if fits else None
     match = NUMBER.fullmatch(GROUPING_BLANKS.sub("", value)) if isinstance(value, str) else None
-    if match is None or match[2].lower() not in units:
+    factor = None if match is None else units.get(plain_unit(match[2]))
+    if match is None or factor is None:
         return None
-    digits, factor = match[1], units[match[2].lower()]
+    digits = match[1]
     try:
         readings = tuple(float(text) * factor for text in _decimals(digits, comma=comma))
     except ValueError:
@@ -207,6 +240,10 @@ def rate_statements(facts: Facts, where: str) -> list[StatedNumber]:
         # A unit beside the number is nearer than one in its key.
         direct = number_in(value, place, {**own, "": factor}, comma=comma)
         stated = direct or number_in(value, place, {unit: scale for unit, scale in other.items() if unit})
+        has_unit = direct is not None and number_in(value, place, {"": 1.0}, comma=comma) is None
+        if direct is not None and has_unit and direct.readings[0] < _LEAST_HZ and kind == "rate":
+            # ``12.800 Hz`` is no rate of vibration where the point is decimal.
+            stated = direct = number_in(value, place, {**own, "": factor}, comma=True)
         if stated is None or not all(1e-300 < number < 1e300 for number in stated.readings):
             shown = str(value)[:40]
             raise ReaderError("wrong_rate", f"{where}: expected a positive number in {place}, found {shown!r}")

@@ -12,7 +12,8 @@ from zoneinfo import ZoneInfo
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.columns import ColumnKind, Kind, counted_in, kinds_of
+from streams.files.abscissa import abscissa_called, rate_of_times
+from streams.files.columns import ColumnKind, Kind, kinds_of
 from streams.files.container import Files, Item, open_files
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.groups import NameGroups, name_groups, not_read
@@ -23,7 +24,6 @@ from streams.files.plausible import SignalLevel, level_of
 from streams.files.recognise import as_pattern, data_set_of
 from streams.files.sidecar import is_pulse_file, is_sidecar, pulse_pattern
 from streams.files.statements import nice_rate
-from streams.files.time_column import rate_of_times
 from streams.turns.tacho import TachoRow, is_called_tacho, tacho_row
 from streams.types.listing import natural_key, shown
 from streams.types.samples import ReaderError, Samples
@@ -352,7 +352,7 @@ def _coarse_rate(samples: Samples, rows: Sequence[SurveyedRow]) -> tuple[float, 
     for row, values in zip(rows, samples.values, strict=True):
         if row.kind != "time":
             continue
-        first, size = float(values[0]), counted_in(row.title, row.written).size
+        first, size = float(values[0]), abscissa_called(row.title, row.written).size
         by_size = epoch_seconds(first)
         times = np.asarray(values, np.float64) * (size or (by_size / first if by_size is not None else 1.0))
         steps = np.diff(times)

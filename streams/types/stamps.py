@@ -183,7 +183,8 @@ def epoch_seconds(number: float | np.integer | np.floating) -> float | None:
 
     Smaller numbers are counted from something else.
     """
-    size = next((size for size in (1.0, 1e3, 1e6, 1e9) if 1e8 * size < number < 1e11 * size), None)
+    # Seconds since 1904, as those of LabVIEW, would be of the years 2064 and after.
+    size = next((size for size in (1.0, 1e3, 1e6, 1e9) if 1e8 * size < number < 2.97e9 * size), None)
     return None if size is None else float(number) / size
 
 

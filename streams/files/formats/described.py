@@ -8,13 +8,14 @@ from typing import TypeVar
 
 import numpy as np
 
+from streams.files.abscissa import Abscissa, abscissa_of, column_statements, counts, is_even, refuse_spectrum
 from streams.files.axes import abscissa_size, ordinate_units
 from streams.files.circumstances import circumstances_of, without
-from streams.files.formats.head import Head, StampedRows, StatedUnits, names_and_units
+from streams.files.formats.head import Head, StatedUnits, names_and_units
+from streams.files.formats.stamped import StampedRows
 from streams.files.judge import Start, in_zone, judge_rate, judge_start, judge_unit, starts_of
 from streams.files.packing import without_codes
 from streams.files.statements import DECIMAL_COMMA, Facts, StatedNumber, rate_statements, unit_statements
-from streams.files.time_column import TimeColumn, column_statements, is_even, is_index, time_column
 from streams.types.samples import ReaderError, Samples
 
 Stated = TypeVar("Stated", StatedNumber, Start)
@@ -44,12 +45,13 @@ def described(
     channels: list[int] = []
     size = abscissa_size(facts, name)
     for place, title in enumerate(names):
-        column = _time_column(samples, place, title, units[place], is_named=head.names is not None)
+        column = _axis(samples, place, title, units[place], is_named=head.names is not None)
+        refuse_spectrum(column, name)
         if column is None:
-            if len(names) == 1 or not is_index(title, samples.values[place]):
-                channels.append(place)
-                rates += _in_column(rate_statements(of_columns[place], name), title)
-                starts += _in_column(starts_of(of_columns[place], zone), title)
+            channels.append(place)
+            rates += _in_column(rate_statements(of_columns[place], name), title)
+            starts += _in_column(starts_of(of_columns[place], zone), title)
+        if column is None or column.kind == "index":
             continue
         size = size or head.size_of_times
         if column.size is None and size is not None:
@@ -81,14 +83,14 @@ def described(
     return replace(found, values=without_codes(found.values))
 
 
-def _time_column(samples: Samples, place: int, title: str, units: StatedUnits, *, is_named: bool) -> TimeColumn | None:
-    """Return what a column is counted in that is one of times, by its name, or without names by its even steps."""
+def _axis(samples: Samples, place: int, title: str, units: StatedUnits, *, is_named: bool) -> Abscissa | None:
+    """Return what a column is that is no channel, without names by its even steps; one alone always is a channel."""
+    values = samples.values[place]
     if len(samples.names) == 1:
         return None
-    if is_named:
-        return time_column(title, units[0][1] if units else None)
-    values = samples.values[place]
-    return TimeColumn(title, None) if is_even(values) and not is_index(title, values) else None
+    if is_named or counts(values):
+        return abscissa_of(title, units[0][1] if units else "", values)
+    return Abscissa(title, "time") if is_even(values) else None
 
 
 def _in_column(statements: list[Stated], title: str) -> list[Stated]:
@@ -101,7 +103,7 @@ def _unit_of(own: StatedUnits, of_column: Facts, facts: Facts, name: str) -> str
 
 def _rate_of_stamps(stamped: StampedRows, name: str) -> list[StatedNumber]:
     times = np.where(stamped.times < -43200.0, stamped.times + 86400.0, stamped.times)
-    return column_statements(TimeColumn("", 1.0), times, name)[0]
+    return column_statements(Abscissa("", size=1.0), times, name)[0]
 
 
 def _start_of_stamps(stamped: StampedRows) -> list[Start]:

@@ -11,12 +11,13 @@ import numpy as np
 import scipy.io
 from numpy.typing import NDArray
 
+from streams.files.abscissa import rate_of_times
 from streams.files.formats.hdf5 import Budget, Found, join_arrays, load, open_hdf5, walk
+from streams.files.keys import TIME_UNITS
 from streams.files.packing import attribute_facts, netcdf_fill, unpacked
 from streams.files.parse.worker import from_disk, readable
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, with_pulses
-from streams.files.statements import Facts, nearest, seconds_utc
-from streams.files.time_column import UNITS_OF_TIME, rate_of_times
+from streams.files.statements import Facts, nearest, plain_unit, seconds_utc
 from streams.types.large import Data, FileBytes, stream_of
 from streams.types.samples import ReaderError, Samples, rows_of
 
@@ -118,7 +119,7 @@ def _time(
     key = next((key for key in _TIMES if key in arrays), None)
     times, facts = arrays[key] if key is not None else (np.zeros((0, 0)), {})
     words = str(facts.get("units", "")).strip().split(maxsplit=2)
-    size = UNITS_OF_TIME.get(words[0].lower()) if words else None
+    size = TIME_UNITS.get(plain_unit(words[0])) if words else None
     if key is None or times.ndim != 1 or times.dtype.kind not in "fiu" or size is None or not len(times):
         return 0, {}
     times, _ = unpacked(times, owned[key], owned[key], f"{name}: variable {key}")

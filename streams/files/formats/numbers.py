@@ -59,6 +59,49 @@ def first_line_of(body: bytes, begin: int = 0) -> bytes:
     return body[begin:] if end < 0 else body[begin:end]
 
 
+_GROUPING = ((rb"\.", rb",\d"), (rb",", rb"\.\d"), (rb"'", b""), (rb" |\xc2\xa0|\xa0|\xe2\x80\xaf", b""))
+"""Signs that may group thousands, and what must follow such a number once that they do."""
+
+
+def is_plain(line: bytes) -> bool:
+    """Return whether a line of numbers has neither quotes nor a separator at its end."""
+    return b'"' not in line and not line.rstrip(b"\r ").endswith((b";", b",", b"\t"))
+
+
+def plain_numbers(body: bytes) -> bytes:
+    """Return lines of numbers without quotes, separators behind the last fields, and signs that group thousands.
+
+    A separator is left that stands behind some lines alone: a number is missing there. Points and commas group where
+    the other sign stands behind one of them, each before three digits: ``1.234,5``.
+    """
+    first = first_line_of(body)
+    if b'"' in first:
+        inner = any(b"," in part for part in re.findall(rb'"([^"\n]*)"', body))
+        body = re.sub(rb'"[^"\n]*"|,', _unquoted, body) if inner else body.replace(b'"', b"")
+        first = first_line_of(body)
+    text = body.rstrip(b"\r\n ")
+    for sign in (b";", b",", b"\t"):
+        ends = (sign + b"\r\n", sign + b"\n")
+        if first.rstrip(b"\r ").endswith(sign):
+            count = sum(map(text.count, ends)) + text.endswith(sign)
+            if count == text.count(b"\n") + 1:
+                body = text.removesuffix(sign).replace(ends[0], b"\r\n").replace(ends[1], b"\n") + b"\n"
+    if b";" not in first and b"\t" not in first:
+        return body
+    for sign, behind in _GROUPING:
+        proof = rb"\d(?:" + sign + rb")\d{3}(?!\d)" + behind
+        if re.search(sign, body) and re.search(proof, body):
+            alone = rb"(?:" + sign + rb")(?!\d{3}(?!\d))"
+            if not behind or not re.search(alone, body):
+                body = re.sub(rb"(?<=\d)(?:" + sign + rb")(?=\d{3}(?!\d))", b"", body)
+    return body
+
+
+def _unquoted(match: re.Match[bytes]) -> bytes:
+    """Return a field without quotes, or a separator that its commas are told from."""
+    return b";" if match[0] == b"," else match[0].strip(b'"')
+
+
 def parse_columns(
     body: bytes,
     name: str,

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from streams.files.formats.described import described
-from streams.files.formats.head import Head, StampedRows
+from streams.files.formats.head import Head
+from streams.files.formats.stamped import StampedRows
 from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.statements import add_fact, plain_key
 from streams.types.large import Data, empty_rows, forget_pages, stream_of

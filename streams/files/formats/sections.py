@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-from streams.files.formats.head import MAX_HEAD_LINES, decoded, is_row
+from streams.files.formats.head import MAX_HEAD_LINES, decoded
 from streams.files.formats.lvm import END_OF_HEAD, is_labview
+from streams.files.formats.stamped import is_row
 from streams.files.successive import HOW_TO_SPLIT, MAX_RECORDINGS
 from streams.types.samples import ReaderError
 

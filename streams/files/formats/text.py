@@ -14,15 +14,22 @@ from streams.files.formats.head import (
     Head,
     cut_head,
     head_of,
-    lines_above_stamps,
-    split_stamps,
     titles_with_blanks,
 )
 from streams.files.formats.lvm import END_OF_HEAD, is_labview, labview_body, labview_head
-from streams.files.formats.numbers import Dialect, first_line_of, located, parse_columns, parse_file, parse_row
+from streams.files.formats.numbers import (
+    Dialect,
+    first_line_of,
+    is_plain,
+    located,
+    parse_columns,
+    parse_file,
+    parse_row,
+    plain_numbers,
+)
 from streams.files.formats.sections import Section, labview_sections, repeated_sections
+from streams.files.formats.stamped import lines_above_stamps, split_stamps
 from streams.files.parse.worker import from_disk
-from streams.files.statements import plain_key
 from streams.files.successive import successive
 from streams.types.large import Data, FileBytes
 from streams.types.limits import MIN_COLUMNS_OF_A_ROW
@@ -229,7 +236,7 @@ def _read_alone(text: bytes, name: str, zone: str, disregard: Sequence[str]) -> 
     """Read a text of one recording; return also how many rows its head promises at least."""
     stamped = None if is_labview(text) else split_stamps(text, name, zone)
     body, skipped = cut_head(text, name) if stamped is None else (stamped.body, stamped.head)
-    body = labview_body(body) if is_labview(text) else body
+    body = labview_body(body) if is_labview(text) else plain_numbers(body)
     del text
     head = _head_of(skipped, name)
     removed = 0 if stamped is None else stamped.columns
@@ -269,7 +276,7 @@ def _read_from_disk(data: FileBytes, name: str) -> tuple[Samples, Head] | None:
     points = data.find(b".", begin) >= 0
     dialect = _sniff(first, b"," if not points and data.find(b",", begin) >= 0 else b".", head.separators, head)
     width, head.decimal = dialect.count(first), dialect.decimal
-    if not dialect.is_number(dialect.fields(first)[0]) or not rest[len(first) :].strip():
+    if not is_plain(first) or not dialect.is_number(dialect.fields(first)[0]) or not rest[len(first) :].strip():
         return None
     try:
         check_rows(width, name, "columns")
@@ -289,8 +296,9 @@ def _titled(samples: Samples, head: Head, name: str, removed: int = 0) -> Sample
     if head.names is not None and len(head.names) > removed:
         head.names = head.names[removed:]
         head.units = None if head.units is None else head.units[removed:]
-    if head.names is not None and len(head.names) == width + 1 and plain_key(head.names[-1]) == "comment":
+    if head.names is not None and len(head.names) == width + 1 and head.names[-1].lower() in ("comment", ""):
         head.names, head.of_columns = head.names[:-1], head.of_columns[:width]
+        head.units = None if head.units is None else head.units[:width]
     if head.names is not None and len(head.names) != width:
         raise ReaderError(
             "wrong_shape", f"{name}: {len(head.names)} names in the header, {width} columns in line {head.lines + 1}"

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from streams.files.judge import Start, StatedRow, judged
+from streams.files.keys import TIME_UNITS
 from streams.files.parse.worker import from_disk, library, memory_file, readable
-from streams.files.statements import Facts, StatedNumber, known_unit
+from streams.files.statements import Facts, StatedNumber, known_unit, plain_unit
 from streams.files.successive import recordings_of
-from streams.files.time_column import UNITS_OF_TIME
 from streams.types.large import Data, FileBytes
 from streams.types.samples import ReaderError, Samples
 from streams.types.stamps import read_stamp
@@ -183,8 +183,8 @@ def _parted(row: StatedRow) -> tuple[str, str]:
 
 def _size_of_abscissa(function: Function, where: str) -> float:
     """Return the unit of the abscissa in s, by its label; ReaderError ``wrong_rate`` for another quantity than time."""
-    label = str(function.get("abscissa_axis_units_lab") or "").strip().strip("[]()").lower()
-    size = 1.0 if label in ("", "none") else UNITS_OF_TIME.get(label)
+    label = plain_unit(str(function.get("abscissa_axis_units_lab") or ""))
+    size = 1.0 if label in ("", "none") else TIME_UNITS.get(label)
     if size is None:
         raise ReaderError("wrong_rate", f"{where}: expected an abscissa of times, its label is {label[:20]!r}")
     return size

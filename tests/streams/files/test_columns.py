@@ -19,7 +19,8 @@ from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 import spallwatch as sw
 from monitor.commands.init.command import command
 from monitor.config.load import load_config
-from streams.files.columns import counted_in, hertz_in, kind_of, kinds_of
+from streams.files.abscissa import abscissa_called
+from streams.files.columns import hertz_in, kind_of, kinds_of
 from streams.files.survey import survey
 from streams.open import open_source
 from streams.types.block import Block, Rejected
@@ -107,7 +108,7 @@ def test_a_slow_row_is_a_process_value_only_beside_another() -> None:
     ],
 )  # fmt: skip
 def test_the_unit_of_times_is_stated_by_unit_or_name(title: str, unit: str, seconds: float | None) -> None:
-    assert counted_in(title, unit).size == seconds
+    assert abscissa_called(title.rpartition("/")[2], unit).size == seconds
 
 
 def hdf5(rows: dict[str, np.ndarray]) -> bytes:

@@ -12,11 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
+from streams.files.abscissa import rate_of_times
 from streams.files.formats.text import read_layout
 from streams.files.judge import stated_rate
 from streams.files.load import choose_channels
 from streams.files.statements import known_unit, number_of, seconds_utc
-from streams.files.time_column import rate_of_times
 from streams.open import open_source
 from streams.types.block import Block, Rejected
 from streams.types.samples import ReaderError
