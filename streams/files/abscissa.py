@@ -37,7 +37,7 @@ _COUNTED = frozenset(("sample", "samples", "point", "points", "punkt", "row", "l
 _FILLERS = frozenset(("utc", "local", "since", "start", "rel", "relative", "abs", "absolute", "of", "in", "the", "x",
                       "value", "offset", "1970"))  # fmt: skip
 _FREQUENCIES = frozenset(("frequency", "frequencies", "freq", "frequenz", "frequence", "frequenza", "frecuencia", "f",
-                          "cpm", "周波数"))  # fmt: skip
+                          "cpm", "order", "周波数"))  # fmt: skip
 _FREQUENCY_UNITS = ("hz", "khz", "cpm", "order", "orders")
 _LETTERS = {"t": "time", "ts": "stamp", "i": "index", "n": "index"}
 _KNOWN = _TIMES | _NUMBERS | _COUNTED | _FILLERS | TIME_UNITS.keys() - {"s", "h", "d"} | {"sec", "seconds"}

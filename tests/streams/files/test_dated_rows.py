@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
-from streams.files.formats import head as stamped
+from streams.files.formats import stamped
 from streams.files.formats.text import read_layout
 from streams.open import open_source
 from streams.types.block import Block
