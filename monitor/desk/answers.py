@@ -124,7 +124,7 @@ def _number(text: str) -> float:
 
 
 def read_bearing(text: str) -> dict[str, Any]:
-    """Return a bearing: a designation, or number of elements, their diameter, pitch diameter (mm) and contact angle (°).
+    """Return a bearing: a designation, or number of elements, their diameter, pitch diameter (mm), contact angle (°).
 
     Raises:
         ValueError: it is neither; the message says what is known.
