@@ -148,7 +148,6 @@ DATED = {
     "days of Excel": ("Time", [cells(np.array(DAYS), "{:.12f}")]),
     "days of MATLAB": ("Time", [cells(np.array(DAYS) + 693960.0, "{:.14f}")]),
     "ms since 1970": ("Time (ms)", [cells(1e3 * (START.timestamp() + T), "{:.4f}")]),
-    "an epoch that was never set": ("epoch_ms", [cells(612000.0 + 1e3 * T, "{:.4f}")]),
 }
 
 
@@ -160,9 +159,17 @@ def test_rows_are_dated_as_they_state_it(kind: str, tmp_path: Path) -> None:
     place = tmp_path / "x.csv"
     place.write_text("\n".join([f"{names},DE [g],NDE [g]", *lines([*columns, *PLAIN]), ""]))
     signal = sw.read(place)
-    day = {"am and pm": "2025-11-24T08:15", "an epoch that was never set": "1970-01-01T00:10:12"}
+    day = {"am and pm": "2025-11-24T08:15"}
     assert signal.attrs["rate_hz"] == pytest.approx(RATE, rel=2e-4)
     assert signal.attrs["start_utc"].startswith(day.get(kind, "2025-11-04T08:15" if "days" not in kind else "20"))
+
+
+def test_an_epoch_of_1970_is_one_of_a_clock_that_was_never_set(tmp_path: Path) -> None:
+    place = tmp_path / "x.csv"
+    times = cells(612000.0 + 1e3 * T, "{:.4f}")
+    place.write_text("\n".join(["epoch_ms,DE [g],NDE [g]", *lines([times, *PLAIN]), ""]))
+    with pytest.warns(UserWarning, match="1970-01-01T00:10:12Z: the clock was never set"):
+        sw.read(place)
 
 
 def test_seconds_since_1904_give_no_date_of_the_future(tmp_path: Path) -> None:
