@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from streams.files.keys import KEYS
+from streams.files.keys import GAINS, KEYS, MULTIPLIERS
 from streams.files.statements import (
     Facts,
     StatedNumber,
     level_statements,
     load_statements,
+    named,
+    number_in,
     plain_key,
     scale_statements,
     speed_statements,
 )
 from streams.types.samples import ReaderError
 
+_NEUTRAL = ("", "-", "none", "off", "no", "n/a", "unity", "applied", "1:1", "auto")
 REMEDY = "; name what is not to be believed in [[source]] disregard"
 """Behind a refusal of statements that contradict each other."""
 
@@ -57,19 +61,45 @@ def judge_number(statements: Sequence[StatedNumber], what: str, where: str) -> f
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What is stated besides samples: speed of the shaft, Hz; load, N; sensitivity, mV per g; one count, g."""
+    """What is stated besides samples: speed of the shaft, Hz; load, N; sensitivity, mV per g; one count, g.
+
+    ``gain`` is an amplifier that the sensitivity may or may not contain, in words, which leaves that open; likewise
+    ``multiplier`` what the numbers may or may not have been multiplied by.
+    """
 
     speed: float | None
     load: float | None
     sensitivity: float | None
     count: float | None
+    gain: str = ""
+    multiplier: str = ""
 
 
 def circumstances_of(facts: Facts, where: str) -> Circumstances:
     """Judge speed, load and sensitivity among named values; ReaderError as :func:`judge_number`."""
+    level = judge_number(level_statements(facts), "sensitivity", where)
+    gain, multiplier = _factor_words(facts, GAINS), _factor_words(facts, MULTIPLIERS)
+    words = gain[1]
+    if words and level is not None:
+        both = "" if gain[0] is None else f", {level:g} or {level * gain[0]:g} mV/g"
+        words = f"the sensitivity {level:g} mV/g may hold for the sensor alone or with {words}{both}"
     return Circumstances(
         judge_number(speed_statements(facts), "speed", where),
         judge_number(load_statements(facts), "load", where),
-        judge_number(level_statements(facts), "sensitivity", where),
+        None if words else level,
         judge_number(scale_statements(facts), "scale", where),
+        words,
+        multiplier[1],
     )
+
+
+def _factor_words(facts: Facts, keys: frozenset[str]) -> tuple[float | None, str]:
+    """Return a factor that is not 1 with the place and the words that state it, None where it is no number."""
+    for key, place, value in named(facts, keys):
+        text = re.sub(r"^[x×*]\s*", "", str(value).strip().lower())
+        decibels = number_in(text, place, {"db": 1.0, **({"": 1.0} if key.endswith("db") else {})})
+        found = number_in(text, place, {"": 1.0, "x": 1.0, "×": 1.0, "v/v": 1.0})
+        factor = 10.0 ** (decibels.readings[0] / 20.0) if decibels is not None else found and found.readings[0]
+        if (factor is None and text not in _NEUTRAL) or (factor is not None and abs(factor - 1.0) > 1e-9):
+            return factor, f"{place} {str(value)!r}"
+    return None, ""

@@ -127,6 +127,17 @@ LEVELS = {
     **dict.fromkeys(("sensitivitymvperg", "sensitivitymvg"), "mv/g"),
 }
 """Plain keys of speed, load and sensitivity, each with the unit that the key names: without one the value must."""
+GAINS = frozenset(
+    word + end
+    for word in ("gain", "amplifiergain", "ampgain", "preampgain", "preamplifiergain", "inputgain", "channelgain",
+                 "analoggain", "sensorgain", "hardwaregain", "iepegain", "icpgain", "conditionergain", "amplification",
+                 "amplificationfactor", "gainfactor", "verstarkung", "verstaerkung", "verstarkungsfaktor", "ganancia",
+                 "guadagno")
+    for end in ("", "db")
+)  # fmt: skip
+MULTIPLIERS = frozenset(("multiplier", "ymultiplier", "ymult", "yfactor", "yscalefactor", "verticalmultiplier",
+                         "multiplikator", "conversionfactor", "umrechnungsfaktor"))  # fmt: skip
+"""Plain keys of an amplifier before the converter, and of what numbers may have to be multiplied by."""
 SCALES: dict[str, str] = dict.fromkeys(
     (
         *("scale", "scalefactor", "scaling", "resolution", "lsb", "lsbsize", "countscale", "sensitivity"),
@@ -146,7 +157,7 @@ SCALE_UNITS = {
 PER_G = {f"{count}/g": 1.0 for count in COUNT} | {f"{count}/mg": 1e3 for count in COUNT}
 """Units of a count in g, and of counts in one g."""
 KEYS = frozenset((*FACTORS, *TIME_KEYS, *ZONE_KEYS, *SUMMER_KEYS, *DECIMATIONS,
-                  *UNIT_KEYS, *PULSE_KEYS, *SPEEDS, *LOADS,
+                  *UNIT_KEYS, *PULSE_KEYS, *SPEEDS, *LOADS, *GAINS, *MULTIPLIERS,
                   *LEVELS, *SCALES))  # fmt: skip
 """Plain keys that may state rate, unit, start, sensitivity, speed, load or pulses a revolution."""
 OTHER_UNITS = frozenset(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from streams.files.statements import is_of_counts, multiple_of, quantity_words
+from streams.files.statements import is_of_counts, is_of_vibration, multiple_of, quantity_words
 from streams.types.block import STANDARD_GRAVITY, VELOCITY
 from streams.types.large import elementwise
 from streams.types.samples import DIGITAL, FRACTIONS, SCALED, VALUES, ReaderError, Samples
@@ -38,6 +38,22 @@ def rows_as_stored(
         for channel, row in zip(channels, rows, strict=True)
         if channel.unit == "V" or channel.any_unit or channel.scale is not None
     )
+
+
+def refuse_open(samples: Samples, row: int, channel: ChannelSpec | None, where: str) -> None:
+    """Raise ReaderError ``wrong_unit`` where a gain or a factor leaves the level of a row open; None: no channel."""
+    unit = multiple_of(samples.units[row])[0]
+    if channel is not None and channel.any_unit:
+        return
+    if samples.open_multiplier and (channel is None or channel.scale is None) and (unit == "" or is_of_vibration(unit)):
+        told = f"{samples.open_multiplier} may have been applied or not; give [[channel]] scale"
+        raise ReaderError("wrong_unit", f"{where}: {told}, or name it in disregard")
+    is_stated = " mV/g" in samples.open_gain
+    if samples.open_gain and unit == "V" and (channel is None or channel.unit != "V" or not is_stated):
+        way = (
+            "give [[channel]] sensitivity_mv_per_g of both, or" if is_stated else "if sensitivity_mv_per_g contains it,"
+        )
+        raise ReaderError("wrong_unit", f"{where}: in V; {samples.open_gain}; {way} name the gain in disregard")
 
 
 def in_own_units(samples: Samples, as_stored: frozenset[int] = frozenset()) -> tuple[Samples, tuple[float, ...]]:

@@ -21,6 +21,7 @@ from streams.files.levels import (
     factor_of,
     in_own_units,
     level_in_words,
+    refuse_open,
     rows_as_stored,
     scaled_by,
     unit_of,
@@ -299,6 +300,9 @@ def choose_channels(
         samples = samples.changed(units=tuple(stated or unit for stated in samples.units))
     rows = [_row_of(samples, channel, where) for channel in channels]
     as_stored = rows_as_stored(samples, channels, rows, where)
+    for row, channel in zip(rows, channels, strict=True):
+        refuse_open(samples, row, channel, f"{where}: channel {channel.name}")
+    written = samples
     samples, multiples = in_own_units(samples, as_stored)
     if not channels:
         kept = vibration_rows(samples, where, is_ours=unit is not None)
@@ -306,6 +310,7 @@ def choose_channels(
         samples = samples.select(kept).changed(beside=(*samples.beside, *left))
         multiples = tuple(multiples[row] for row in kept)
         for row, (name, stated) in enumerate(zip(samples.names, samples.units, strict=True)):
+            refuse_open(written, kept[row], None, where)
             check_unit(stated, name, where)
             factor_of(samples, row, ChannelSpec(name, unit=stated), stated, None, f"{where}: {name}")
         return scaled_by(samples, multiples)

@@ -73,6 +73,8 @@ def apply_note(
         units=tuple(units),
         sensitivities=(beside.sensitivity,) * count,
         count_scales=tuple(None if stored == FRACTIONS else beside.count for stored in samples.stored),
+        open_gain=beside.gain,
+        open_multiplier=beside.multiplier,
         stated_speed=beside.speed,
         stated_load=beside.load,
     )

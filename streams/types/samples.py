@@ -64,6 +64,8 @@ class Samples:
         rate_written: where it stands and how it is written.
         sensitivities: of each row, mV per g, as the file states it.
         count_scales: of each row, the g of one count, as the file states it.
+        open_gain: what the file states of an amplifier that a sensitivity may contain or not, in words.
+        open_multiplier: what it states of a factor that may have been applied or not, in words.
         stated_speed: of the shaft, Hz, as a head states it among other things: offered, not used for the block.
         stated_load: likewise the radial load, N.
         start: seconds since 1970 UTC of the first sample of the origin.
@@ -117,6 +119,8 @@ class Samples:
     rate_written: str = ""
     sensitivities: tuple[float | None, ...] = ()
     count_scales: tuple[float | None, ...] = ()
+    open_gain: str = ""
+    open_multiplier: str = ""
     stated_speed: float | None = None
     stated_load: float | None = None
     number: int = 1

@@ -74,6 +74,8 @@ def described(
         units=tuple(map(_unit_of, units, of_columns, [facts] * len(names), [name] * len(names))),
         sensitivities=tuple(one.sensitivity or beside.sensitivity for one in own),
         count_scales=tuple(one.count or beside.count for one in own),
+        open_gain=next((one.gain for one in (beside, *own) if one.gain), ""),
+        open_multiplier=next((one.multiplier for one in (beside, *own) if one.multiplier), ""),
         **rate.fields,
         **start.fields,
         stated_speed=beside.speed,
