@@ -221,6 +221,9 @@ def with_times(samples: Samples, where: str) -> Samples:
         return samples
     if samples.rate is not None:
         rates.append(StatedNumber("the file", f"{samples.rate:g} Hz", (samples.rate,)))
+    elif samples.rate_readings:
+        opened = (samples.rate_written, samples.rate_readings, samples.rate_resolution)
+        rates.append(StatedNumber("the file", *opened, is_exact=False))
     if samples.start is not None:
         starts.append(Start("the file", Stamp(utc_text(samples.start), samples.start, samples.start, local=True)))
     rate, start = judge_rate(rates, where), judge_start(starts, where)

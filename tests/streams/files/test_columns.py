@@ -173,6 +173,18 @@ def test_a_row_of_times_that_contradicts_the_rate_is_refused(name: str, tmp_path
         sw.read(tmp_path / name)
 
 
+@pytest.mark.parametrize(("stated", "rate"), [(3.2, RATE), (3200.0, RATE), (28.16, None), (4000.0, None)])
+def test_a_row_of_times_is_compared_with_each_reading_of_a_stated_rate(
+    stated: float, rate: float | None, tmp_path: Path
+) -> None:
+    scipy.io.savemat(tmp_path / "x.mat", {"acc": NOISE, "unit": "g", "sampling_rate": stated, "t": STEPS / RATE})
+    if rate is not None:
+        assert sw.read(tmp_path / "x.mat").attrs["rate_hz"] == pytest.approx(rate)
+        return
+    with pytest.raises(sw.SpallwatchError, match="several sampling rates"):
+        sw.read(tmp_path / "x.mat")
+
+
 @pytest.mark.parametrize("running", ["a number", "a counter of a byte", "milliseconds since 1970"])
 @pytest.mark.parametrize("name", ["x.npy", "x.wav", "x.uff", *MAKERS])
 def test_a_running_row_is_no_channel_of_any_format(running: str, name: str, tmp_path: Path) -> None:
