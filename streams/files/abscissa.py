@@ -138,6 +138,22 @@ def refuse_spectrum(axis: Abscissa | None, where: str) -> None:
         )
 
 
+def refuse_lost_rows(axis: Abscissa, values: NDArray[np.floating], where: str) -> None:
+    """Raise ReaderError ``wrong_rate`` for a running number that counts by ones but leaves numbers out."""
+    if axis.kind != "index" or not axis.is_named or len(values) < _MIN_EVEN or counts(values):
+        return
+    steps = np.diff(contiguous(values, np.float64))
+    jumps = np.flatnonzero(steps != 1.0)
+    ahead = steps[jumps]
+    if 2 * jumps.size >= steps.size or np.any(ahead < 2.0) or np.any(ahead != np.rint(ahead)):
+        return
+    first, lost = float(values[jumps[0]]), float(np.sum(ahead - 1.0))
+    raise ReaderError(
+        "wrong_rate",
+        f"{where}: {axis.title!r} goes from {first:.0f} to {first + ahead[0]:.0f}: {lost:.0f} samples are lost",
+    )
+
+
 def turns(values: NDArray[np.floating]) -> bool:
     """Return whether a row falls and rises as signals do: at least a fifth of its steps each."""
     steps = np.diff(np.asarray(values[:_MAX_LOOKED], dtype=np.float64))

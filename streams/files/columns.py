@@ -19,6 +19,7 @@ from streams.files.abscissa import (
     abscissa_of,
     column_statements,
     is_even,
+    refuse_lost_rows,
     refuse_spectrum,
     running,
     split_unit,
@@ -53,6 +54,14 @@ _PROCESS = re.compile(
     re.IGNORECASE,
 )
 """Names that hold whatever unit a file states for all its rows."""
+
+
+_COMPUTED = re.compile(
+    r"(?<![a-z])(?:rms|peak|crest|kurtosis|envelope|filtered|absolute|magnitude|resultant|vector[ _]?sum|fft|spectrum"
+    r"|hüllkurve|gefiltert|betrag|effektivwert|spitzenwert|mittelwert|enveloppe|inviluppo)(?![a-z])",
+    re.IGNORECASE,
+)
+"""Names of what a logger computes of vibration and writes beside it."""
 
 
 @dataclass(frozen=True)
@@ -124,14 +133,23 @@ def _process_words(values: NDArray[np.floating], *, switches: bool) -> str | Non
     return None
 
 
+def _other_words(title: str, unit: str, row: NDArray[np.floating], *, switches: bool) -> str | None:
+    """Return in words why a row that name and unit allow to be vibration may be none, None where nothing says so."""
+    computed = _COMPUTED.search(title.replace("_", " "))
+    if computed is not None:
+        return f"is computed by its name ({computed[0]})"
+    return None if unit else _process_words(row, switches=switches)
+
+
 def kinds_of(
     titles: Sequence[str], units: Sequence[str], rows: Sequence[NDArray[np.floating]], *, switches: bool = True
 ) -> list[ColumnKind]:
     """Return what each of the rows of a file is; arguments as :func:`kind_of`.
 
-    A row that nothing names and that changes as a process value is vibration only where there is no other; without
-    ``switches``, one of few levels is. Where no row is vibration by name and unit, those without a unit are that do not
-    run on. A velocity beside accelerations is most often their integral, and no sensor.
+    A row that nothing names and that changes as a process value, and one that is computed by its name, is vibration
+    only where there is no other; without ``switches``, one of few levels is. Where no row is vibration by name and
+    unit, those without a unit are that do not run on. A velocity beside accelerations is most often their integral,
+    and no sensor.
     """
     found = [kind_of(title, unit, row) for title, unit, row in zip(titles, units, rows, strict=True)]
     own = {unit for kind, unit in zip(found, units, strict=True) if kind.kind == "vibration"}
@@ -139,8 +157,8 @@ def kinds_of(
         integral = ColumnKind("other", f"is in {VELOCITY} beside accelerations: a velocity")
         found = [integral if unit == VELOCITY else kind for kind, unit in zip(found, units, strict=True)]
     shapes = [
-        _process_words(row, switches=switches) if kind.kind == "vibration" and not unit else None
-        for kind, unit, row in zip(found, units, rows, strict=True)
+        _other_words(title, unit, row, switches=switches) if kind.kind == "vibration" else None
+        for kind, title, unit, row in zip(found, titles, units, rows, strict=True)
     ]
     if any(kind.kind == "vibration" and words is None for kind, words in zip(found, shapes, strict=True)):
         found = [
@@ -204,14 +222,15 @@ def with_times(samples: Samples, where: str) -> Samples:
     A row is one of times by its name and because it rises; see :func:`streams.files.abscissa.column_statements`.
 
     Raises:
-        ReaderError: ``wrong_rate`` where the times are not even, or the file states another rate; ``nan``;
-            ``unreadable`` where it states another start.
+        ReaderError: ``wrong_rate`` where the times are not even, a running number leaves some out, or the file states
+            another rate; ``nan``; ``unreadable`` where it states another start.
     """
     rates: list[StatedNumber] = []
     starts: list[Start] = []
     for title, unit, row in zip(samples.names, samples.units, samples.values, strict=True):
         axis = abscissa_called(re.split(r"[/.]", title)[-1], unit or "")
         refuse_spectrum(abscissa_of(axis.title, unit or "", row), where)
+        refuse_lost_rows(axis, row, where)
         if axis.kind != "time" or kind_of(title, unit or "", row).kind != "time":
             continue
         stated, begins = column_statements(replace(axis, title=title), row, where)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TypeVar
@@ -14,11 +15,23 @@ from streams.files.circumstances import circumstances_of, without
 from streams.files.formats.head import Head, StatedUnits, names_and_units
 from streams.files.formats.stamped import StampedRows
 from streams.files.judge import Start, in_zone, judge_rate, judge_start, judge_unit, starts_of
+from streams.files.keys import KEYS, LEVELS, UNIT_KEYS
 from streams.files.packing import without_codes
-from streams.files.statements import DECIMAL_COMMA, Facts, StatedNumber, rate_statements, unit_statements
+from streams.files.statements import (
+    DECIMAL_COMMA,
+    Facts,
+    StatedNumber,
+    add_fact,
+    plain_key,
+    rate_statements,
+    unit_statements,
+)
 from streams.types.samples import ReaderError, Samples
 
 Stated = TypeVar("Stated", StatedNumber, Start)
+_OF_COLUMNS = (*LEVELS, *UNIT_KEYS, "scale", "scalefactor")
+"""Plain keys that a head may state of one column, with its name or number."""
+_NUMBER = re.compile(r"(?:ch|chan|channel|kanal|canal|canale|voie|sensor|input|ai)?0*(\d{1,3})")
 
 
 def described(
@@ -65,6 +78,7 @@ def described(
         rates += _rate_of_stamps(stamped, name)
         starts += in_zone(facts, _start_of_stamps(stamped))
     rate, start = judge_rate(rates, name), judge_start(starts, name)
+    of_columns = with_named_after(of_columns, facts, names, channels)
     beside = circumstances_of(facts, name)
     own = [circumstances_of(found, name) for found in of_columns]
     found = replace(
@@ -83,6 +97,35 @@ def described(
     )
     found = found.select(channels)
     return replace(found, values=without_codes(found.values))
+
+
+def with_named_after(
+    of_columns: Sequence[Facts], facts: Facts, names: Sequence[str], channels: Sequence[int]
+) -> list[Facts]:
+    """Add to each column what the head states of it: ``Sensitivity AI0`` beside ``AI0 DE (V)``.
+
+    Where no name has the word behind the key, numbers such as ``ch1`` count the ``channels``, if there is one of each.
+    """
+    found = [dict(own) for own in of_columns]
+    words = [{plain_key(name), *map(plain_key, re.split(r"[^\w]+|_", name))} for name in names]
+    numbered: dict[str, dict[int, tuple[str, object]]] = {}
+    for key, value in facts.items():
+        whole = key.partition("#")[0]
+        known = max((word for word in _OF_COLUMNS if word in whole), key=len, default="")
+        rest = whole.replace(known, "", 1)
+        if not known or whole in KEYS or not (whole.startswith(known) or whole.endswith(known)):
+            continue
+        places = [place for place in channels if rest in words[place]]
+        number = _NUMBER.fullmatch(rest)
+        if len(places) == 1:
+            add_fact(found[places[0]], known, value, key)
+        elif number is not None:
+            numbered.setdefault(known, {})[int(number[1])] = key, value
+    for known, of_number in numbered.items():
+        if len(of_number) == len(channels) and max(of_number) - min(of_number) == len(channels) - 1:
+            for place, number in zip(channels, sorted(of_number), strict=True):
+                add_fact(found[place], known, of_number[number][1], of_number[number][0])
+    return list(found)
 
 
 def _axis(samples: Samples, place: int, title: str, units: StatedUnits, *, is_named: bool) -> Abscissa | None:
