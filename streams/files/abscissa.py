@@ -39,6 +39,7 @@ _FILLERS = frozenset(("utc", "local", "since", "start", "rel", "relative", "abs"
 _FREQUENCIES = frozenset(("frequency", "frequencies", "freq", "frequenz", "frequence", "frequenza", "frecuencia", "f",
                           "cpm", "order", "周波数"))  # fmt: skip
 _FREQUENCY_UNITS = ("hz", "khz", "cpm", "order", "orders")
+_ORIGINS = ("", "-", "unix", "utc", "epoch", "ole", "ole2", "oledate", "excel", "serial", "datenum", "matlab")
 _LETTERS = {"t": "time", "ts": "stamp", "i": "index", "n": "index"}
 _KNOWN = _TIMES | _NUMBERS | _COUNTED | _FILLERS | TIME_UNITS.keys() - {"s", "h", "d"} | {"sec", "seconds"}
 _PARTS = re.compile("|".join(sorted(_KNOWN, key=len, reverse=True)))
@@ -46,6 +47,8 @@ _MOST_UNCERTAIN, _MIN_FITTED = 5e-5, 256
 """Relative uncertainty from which times state no rate; times from which their slope is fitted."""
 _LEAST_RATE = 50.0
 """Hz, least rate of vibration of bearings: times without a unit that give less are in another one."""
+_MAX_RATE = 2e6
+"""Hz above which times without a unit are in another one."""
 _WORD = re.compile(r"[^\W\d_]+|\d+")
 _CAPITAL = re.compile(r"(?<=[a-z])(?=[A-Z][a-z])")
 
@@ -79,7 +82,7 @@ def abscissa_called(title: str, unit: str) -> Abscissa:
     name, behind = split_unit(title)
     stated = [plain_unit(re.split(r"\s+since\b", text)[0]) for text in (unit, behind)]
     sizes = [TIME_UNITS[text] for text in stated if text in TIME_UNITS]
-    other = [text for text in stated if text not in (*TIME_UNITS, "", "-", "unix", "utc", "epoch")]
+    other = [text for text in stated if text not in (*TIME_UNITS, *_ORIGINS)]
     words = _words(name)
     own = [word for word in words if plain_unit(word) in TIME_UNITS]
     size = (*sizes, *(TIME_UNITS[plain_unit(word)] for word in own), None)[0]
@@ -225,7 +228,7 @@ def column_statements(
     """Return what a column of times states of rate and start.
 
     Times since 1970 are told by their size; other times without a unit are in s, or in ms or us where s would give a
-    rate below 50 Hz: that is open then.
+    rate below 50 Hz, or in min, h or days, where that would be above 2 MHz: that is open then.
 
     Raises:
         ReaderError: ``nan``, ``wrong_rate`` where the times do not increase evenly.
@@ -236,7 +239,7 @@ def column_statements(
     size = column.size or (by_size / first if by_size is not None else 1.0)
     absolute = by_size if column.size is None else _since_1970(first * column.size, column.title)
     local = False
-    if column.size is None and (origin := _origin_of_days(times)) is not None:
+    if column.size in (None, 86400.0) and (origin := _origin_of_days(times)) is not None:
         size, absolute, local = 86400.0, 86400.0 * (first - origin), True
     measured = _measured(_scaled(times, size), where)
     starts: list[Start] = []
@@ -249,8 +252,11 @@ def column_statements(
     if uncertainty < _MOST_UNCERTAIN:
         rate, uncertainty = nice_rate(rate, uncertainty + 1e-12), 0.0
     written = f"{first:.10g}, {float(times[1]):.10g}, ..."
-    if rate >= _LEAST_RATE or (column.size is not None and by_size is None):
+    is_sure = by_size is not None or local or rate <= _MAX_RATE
+    if (rate >= _LEAST_RATE and is_sure) or (column.size is not None and by_size is None):
         return [StatedNumber(place, written, (rate,), uncertainty * rate, is_exact=uncertainty == 0.0)], starts
+    if rate > _MAX_RATE:
+        return [StatedNumber(place, written, tuple(rate / other for other in (1.0, 60.0, 3600.0, 86400.0)))], starts
     others = {1.0, 1e-3, 1e-6} if by_size is None else {1.0, 1e-3, 1e-6, by_size / first}
     return [StatedNumber(place, written, (rate, *(rate * size / other for other in sorted(others - {size}))))], []
 

@@ -156,3 +156,26 @@ def test_decimation_leaves_two_rates(maker: str, tmp_path: Path) -> None:
     assert sw.read(path, disregard=["decimation"]).attrs["rate_hz"] == 51200.0
     assert sw.read(path, rate_hz=12800).attrs["rate_hz"] == 12800.0
     assert sw.read(MAKERS[maker](tmp_path, {"fs": 51200, "decimation": 1})).attrs["rate_hz"] == 51200.0
+
+
+@pytest.mark.parametrize(
+    ("title", "unit", "origin"),
+    [("Timestamp (OLE2)", "d", 25569), ("Timestamp (OLE2)", "", 25569), ("Time", "d", 25569), ("datenum", "d", 719529)],
+)
+def test_days_of_excel_and_matlab_are_read(title: str, unit: str, origin: int, tmp_path: Path) -> None:
+    began = utc(WINTER) / 86400.0 + origin
+    times = [f"{began + i / 200.0 / 86400.0:.11f}" for i in range(COUNT)]
+    path = write_csv(tmp_path / "x.csv", ROWS, [], ["acc"], before={title: times}, units=[unit, "m/s2"])
+    assert sw.read(path).attrs["rate_hz"] == pytest.approx(200.0, rel=1e-4)
+    assert start_of(path) == pytest.approx(utc(WINTER), abs=1e-3)
+
+
+@pytest.mark.parametrize(("unit", "size"), [("h", 3600.0), ("min", 60.0), ("d", 86400.0)])
+def test_times_in_hours_and_days_need_their_unit(unit: str, size: float, tmp_path: Path) -> None:
+    times = [f"{i / 10000.0 / size:.13f}" for i in range(COUNT)]
+    path = write_csv(tmp_path / "x.csv", ROWS, [], ["acc [g]"], before={f"Time [{unit}]": times})
+    assert sw.read(path).attrs["rate_hz"] == pytest.approx(10000.0, rel=1e-4)
+    path = write_csv(tmp_path / "y.csv", ROWS, [], ["acc [g]"], before={"Time": times})
+    if size > 60.0:
+        with pytest.raises(sw.SpallwatchError, match=r"may mean .* or .*10000 or|may mean .* or 10000"):
+            sw.read(path)
