@@ -45,8 +45,6 @@ def _truth(seed: int, plan: Plan, written: Written) -> LoggerTruth:
     channels = written.channels
     files = [each for index in range(len(plan.starts)) for each in _files(plan, written, index)]
     speed = SPEED_HZ if plan.speed_in and plan.format not in ("wav", "uff", "npy", "lvm") else None
-    if not all(each.acceleration for each in channels) and "level" not in unknowable:
-        unknowable.append("level")
     return LoggerTruth(
         seed,
         plan.format,
@@ -77,14 +75,13 @@ def _files(plan: Plan, written: Written, index: int) -> list[TrueFile]:
     signal = plan.signals[index]
     parts = np.array_split(signal, 2, axis=1) if plan.draw.chosen.get("segments") else [signal]
     whole = TrueFile(written.paths[index], start, [], right, lost)
-    return [
-        replace(
-            whole,
-            start_utc=None if start is None else start + 30.0 * number,
-            rms=[float(np.sqrt(np.mean((row - row.mean()) ** 2))) for row in part],
-        )
-        for number, part in enumerate(parts)
-    ]
+    found: list[TrueFile] = []
+    for number, part in enumerate(parts):
+        begin = None if start is None else start + 30.0 * number
+        levels = [channel.levels(row, plan.rate) for channel, row in zip(written.channels, part, strict=True)]
+        rms, velocity = [level for level, _ in levels], [level for _, level in levels]
+        found.append(replace(whole, start_utc=begin, rms=rms, velocity=velocity))
+    return found
 
 
 def main() -> None:

@@ -16,8 +16,8 @@ WORDS = (RIGHT, ASKED, MISSED, REFUSED, WRONG)
 """From the best to the worst. Missed: stated and not read, and nothing false is said. Wrong: silently."""
 
 FACTS = ("channels", "rate", "level", "times")
-TOLERANCE = 1e-3
-"""Relative, of rates and levels."""
+TOLERANCE, _OF_DERIVATIVE = 1e-3, 0.05
+"""Relative, of rates and levels, and of the acceleration of a velocity, whose ends are uncertain."""
 
 TOLERANCE_S = 2e-3
 _OF_CLOCK = frozenset({"clock", "late", "out_of_order"})
@@ -146,8 +146,10 @@ def _level(truth: LoggerTruth, file: TrueFile, block: BlockRead, came: Came, fou
             continue
         channel, expected, came_rms = truth.channels[position], file.rms[position], block.rms[name]
         unknown = str(came.channels[0].get("unit")) in ("unknown", "")
-        near = abs(came_rms / expected - 1.0) <= TOLERANCE
-        if channel.acceleration and (near or unknown or (file.lost and block.flags - _NO_LOSS)):
+        velocity = file.velocity[position]
+        near = abs(came_rms / expected - 1.0) <= (TOLERANCE if velocity is None else _OF_DERIVATIVE)
+        near = near or (velocity is not None and abs(came_rms / velocity - 1.0) <= TOLERANCE)
+        if near or unknown or (file.lost and block.flags - _NO_LOSS):
             continue
         detail = f"{block.name}, {channel.name} in {channel.unit}{' with lost samples' if file.lost else ''}: "
         found.say("level", WRONG, f"{detail}expected RMS {expected:.4f} m/s2, came {came_rms:.4f}")

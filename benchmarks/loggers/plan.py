@@ -27,6 +27,8 @@ FORMATS = (
 )  # fmt: skip
 """Of the sixty layouts of a set."""
 
+_SENSOR_MAX_HZ = 2000.0
+"""Up to which sensors of velocity reach where nothing else is known of them."""
 PER_UNIT = {"m/s2": 1.0, "m/s²": 1.0, "m/s^2": 1.0, "mm/s2": 1e-3, "g": GRAVITY, "mg": GRAVITY / 1e3}
 """m/s2 of one unit."""
 
@@ -77,7 +79,7 @@ class TrueChannel:
         unit: as stored.
         sensitivity_mv_per_g: of the sensor, where volts are stored.
         scale: g of one stored count or of full scale, where counts are stored.
-        acceleration: whether it is one; a velocity is to be refused.
+        acceleration: whether it is one; a velocity is its running sum.
     """
 
     name: str
@@ -95,8 +97,24 @@ class TrueChannel:
         if self.sensitivity_mv_per_g is not None:
             return si / GRAVITY * self.sensitivity_mv_per_g * (1.0 if self.unit == "mV" else 1e-3)
         if not self.acceleration:
-            return 1e3 * (np.cumsum(si) / 25600.0)
+            return 1e3 * self.velocity(si)
         return si / PER_UNIT[self.unit]
+
+    def velocity(self, si: Samples) -> Samples:
+        """Return an acceleration in m/s2 as a sensor of velocity gives it, m/s."""
+        return np.cumsum(si, axis=-1) / 25600.0
+
+    def levels(self, si: Samples, rate: float) -> tuple[float, float | None]:
+        """Return the RMS in m/s2 and, of a velocity, that in m/s; the former then of its derivative up to 2 kHz.
+
+        The spectrum of a running sum is known from that of the row, without the ends that a derivative has.
+        """
+        if self.acceleration:
+            return float(np.std(si)), None
+        turns = np.fft.rfftfreq(si.size, 1.0 / rate)
+        gain = np.divide(np.pi * turns / 25600.0, np.sin(np.pi * turns / rate), where=turns > 0.0, out=0.0 * turns)
+        power = np.abs(np.fft.rfft(si) * gain)[turns <= _SENSOR_MAX_HZ] ** 2
+        return float(np.sqrt(2.0 * np.sum(power)) / si.size), float(np.std(self.velocity(si)))
 
 
 @dataclass
@@ -106,7 +124,7 @@ class TrueFile:
     Attributes:
         paths: relative to the folder of data.
         start_utc: s since 1970; None where nothing states it.
-        rms: of each channel, m/s2.
+        rms: of each channel, m/s2; ``velocity`` that of one of velocity, m/s.
         clock: whether the clock of the logger was right.
         lost: how samples that were lost are filled, "" where none are.
     """
@@ -116,6 +134,7 @@ class TrueFile:
     rms: list[float]
     clock: bool = True
     lost: str = ""
+    velocity: list[float | None] = field(default_factory=list)
 
 
 @dataclass

@@ -36,7 +36,7 @@ def judged(seed: int, folder: str) -> dict[str, Any]:
     row["flagged"] = verdicts["init"].flagged
     row["names_file"] = str(verdicts["init"].names_file)
     asked_for = {*truth.unknowable, *truth.ambiguous} - ({"start"} if truth.files[0].start_utc is None else set())
-    row["answerable"] = str(not asked_for and all(each.acceleration for each in truth.channels))
+    row["answerable"] = str(not asked_for)
     row["details"] = [
         f"by {way}: {text.replace(f'{place}/', '')}" for way, verdict in verdicts.items() for text in verdict.details
     ]
