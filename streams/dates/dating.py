@@ -133,6 +133,8 @@ _MAX_DIGITS = 15
 _MIN_DISTINCT = 0.9
 """Share of the names that must have a number of their own."""
 _NUMBER = re.compile(r"\d+")
+_CLOCK_OF_HALVES = re.compile(r"(?<!\d)\d{1,2}[-_.:h]\d\d(?:[-_.:]\d\d)?[-_ ]?[AaPp][Mm](?![A-Za-z])")
+"""A time of day, which counts no files."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +156,10 @@ def numbers_of(path: str) -> list[Number]:
     stem, dot, ending = name.rpartition(".")
     text = stem if dot and not ending.isdigit() else name
     found: list[Number] = []
+    clocks = [match.span() for match in _CLOCK_OF_HALVES.finditer(text)]
     for match in _NUMBER.finditer(text):
+        if any(begin <= match.start() < end for begin, end in clocks):
+            continue
         after, before = text[match.end() : match.end() + 1], text[: match.start()][-1:]
         if after.isalpha() or len(match[0]) > _MAX_DIGITS:
             continue

@@ -142,6 +142,13 @@ def judge_rate(statements: Sequence[StatedNumber], where: str) -> JudgedRate:
         return JudgedRate(None, tuple(kept), finest.resolution, f"{finest.place} {finest.written!r}")
     rate, uncertainty = kept[0], finest.resolution / kept[0]
     nice = nice_rate(rate, max(1e-9, min(uncertainty, RATE_TOLERANCE)))
+    written = [
+        one for one in ordered if one.is_exact and len(one.readings) == 1 and _is_near(one.readings[0], rate, finest)
+    ]
+    if not finest.is_exact and written:
+        # What was measured too coarsely to count alone confirms what is written.
+        finest, rate, uncertainty = written[0], written[0].readings[0], finest.resolution / rate
+        nice = rate
     if not finest.is_exact or (uncertainty > _COARSE and nice_rate(rate, 1e-9) != round(rate)):
         return JudgedRate(None, (rate,), finest.resolution, f"{finest.place} {finest.written!r}")
     return JudgedRate(nice, written=f"{finest.place} {finest.written!r}")

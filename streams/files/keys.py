@@ -26,11 +26,15 @@ RATES = ("rate", "samplerate", "samplingrate", "samplingfrequency", "samplefrequ
           "fs", "fsample", "abtastrate", "abtastfrequenz", "messrate", "scanrate", "acquisitionrate", "datarate",
           "outputdatarate", "odr", "samplespersecond", "samplespersec", "sps", "frequencedechantillonnage",
           "frequenceechantillonnage", "frecuenciademuestreo", "frequenzadicampionamento",
-          "frequenzacampionamento", "tauxdechantillonnage", "サンプリング周波数")  # fmt: skip
-STEPS = ("dt", "deltat", "deltax", "wfincrement", "sampleinterval", "samplinginterval", "sampleperiod",
+          "frequenzacampionamento", "tauxdechantillonnage", "サンプリング周波数",
+          "czestotliwoscprobkowania", "vzorkovacifrekvence", "samplingsfrekvens", "bemonsteringsfrequentie",
+          "taxadeamostragem", "frequenciadeamostragem", "采样频率", "采样率", "採樣頻率")  # fmt: skip
+STEPS = ("dt", "increment", "tinc", "deltat", "deltax",
+          "wfincrement", "sampleinterval", "samplinginterval", "sampleperiod",
           "samplingperiod", "timestep", "timeincrement", "timeinterval", "xincrement", "abtastintervall",
           "abtastzeit", "abtastperiode", "periodedechantillonnage", "periodeechantillonnage", "pasdetemps",
-          "pasdechantillonnage", "periododemuestreo", "periododicampionamento", "サンプリング周期")  # fmt: skip
+          "pasdechantillonnage", "periododemuestreo", "periododicampionamento", "サンプリング周期",
+          "okresprobkowania", "采样间隔", "采样周期")  # fmt: skip
 HERTZ = {"": 1.0, "hz": 1.0, "khz": 1e3, "mhz": 1e6, "inhz": 1.0, "inkhz": 1e3, "ss": 1.0, "sas": 1.0, "kss": 1e3}
 SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ins": 1.0, "inms": 1e-3, "inus": 1e-6}
 FACTORS = {
@@ -68,16 +72,24 @@ MOMENTS = (
         "dataeora",
         "begintime",
         "測定日時",
+        "トリガ時刻",
+        "采样时间",
+        "采集时间",
+        "测试时间",
+        "测量时间",
+        "开始时间",
     ),
 )
 """Keys of date and time of day in one; those of ``STARTS`` may state a day alone."""
 DATES = ("startdate", "date", "recordingdate", "acquisitiondate", "measurementdate", "testdate", "startdatum", "datum",
-          "messdatum", "aufnahmedatum", "jour", "fecha", "data")  # fmt: skip
+          "messdatum", "aufnahmedatum", "jour", "fecha", "data", "datapomiaru", "日期", "日付")  # fmt: skip
 CLOCKS = ("starttime", "time", "recordingtime", "acquisitiontime", "measurementtime", "testtime", "startzeit",
-          "uhrzeit", "messzeit", "aufnahmezeit", "zeit", "messbeginn", "timeofday", "heure", "hora", "ora")  # fmt: skip
+          "uhrzeit", "messzeit", "aufnahmezeit", "zeit", "messbeginn", "timeofday", "heure", "hora", "ora",
+          "godzina", "czas", "czaspomiaru", "時刻")  # fmt: skip
 UNIT_KEYS = ("unit", "units", "unitstring", "niunitdescription", "engineeringunits", "einheit", "messeinheit", "yunit",
               "yunits", "yunitlabel", "unitlabel", "yaxisunit", "yaxisunits", "signalunit", "channelunit", "dataunit",
-              "dataunits", "physicalunit", "unitofmeasure", "unite", "unidad", "unita", "単位")  # fmt: skip
+              "dataunits", "physicalunit", "unitofmeasure", "unite", "unidad", "unita", "単位",
+              "单位", "jednostka", "valueunit")  # fmt: skip
 TIME_KEYS = frozenset((*STARTS, *MOMENTS, *DATES, *CLOCKS))
 """Plain keys of dates and times of day."""
 ZONE_KEYS = {
@@ -101,6 +113,7 @@ PULSE_KEYS = ("pulsesperrevolution", "pulsesperrev", "ppr", "impulseproumdrehung
 """Plain keys of the pulses of a whole turn."""
 SPEED_UNITS = {
     **dict.fromkeys(("rpm", "1/min", "min-1", "/min", "u/min", "upm", "tr/min", "r/min", "rev/min"), 1.0 / 60.0),
+    "obr/min": 1.0 / 60.0,
     **dict.fromkeys(("hz", "1/s", "rps"), 1.0),
 }
 LOAD_UNITS = {"n": 1.0, "kn": 1e3}
@@ -112,6 +125,7 @@ LEVEL_UNITS = {
 SPEEDS = {
     **dict.fromkeys(("speed", "shaftspeed", "rotationalspeed", "rotationspeed", "rotatingspeed", "motorspeed"), ""),
     **dict.fromkeys(("runningspeed", "runspeed", "drehzahl", "wellendrehzahl", "motordrehzahl", "vitesse"), ""),
+    **dict.fromkeys(("predkoscobrotowa", "obroty", "转速", "回転数", "回転速度"), ""),
     **dict.fromkeys(("rpm", "speedrpm", "shaftspeedrpm", "drehzahlrpm"), "rpm"),
     **dict.fromkeys(("speedhz", "shaftspeedhz"), "hz"),
 }
@@ -123,7 +137,7 @@ LOADS = {
 }
 LEVELS = {
     **dict.fromkeys(("sensitivity", "sensorsensitivity", "transducersensitivity", "empfindlichkeit"), ""),
-    **dict.fromkeys(("sensibilite", "sensibilidad", "sensibilita", "感度"), ""),
+    **dict.fromkeys(("sensibilite", "sensibilidad", "sensibilita", "感度", "灵敏度", "czulosc"), ""),
     **dict.fromkeys(("sensitivitymvperg", "sensitivitymvg"), "mv/g"),
 }
 """Plain keys of speed, load and sensitivity, each with the unit that the key names: without one the value must."""

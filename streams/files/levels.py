@@ -16,19 +16,25 @@ _LEVEL_TOLERANCE = 0.01
 
 
 def rows_as_stored(
-    samples: Samples, channels: Sequence[ChannelSpec], rows: Sequence[int], where: str
+    samples: Samples,
+    channels: Sequence[ChannelSpec],
+    rows: Sequence[int],
+    where: str,
+    range_g: float | None = None,
 ) -> frozenset[int]:
-    """Return the rows that channels take in V, or scale themselves.
+    """Return the rows that channels take in V, or scale themselves; ``range_g`` is the configured full scale.
 
     Raises:
         ReaderError: ``wrong_unit`` where the recording states another sensitivity, or another value of one count.
     """
     for channel, row in zip(channels, rows, strict=True):
         of_one_g = STANDARD_GRAVITY if channel.unit == "m/s2" else 1.0
+        is_fraction = samples.stored[row] == FRACTIONS
         scale = None if channel.scale is None or channel.unit not in ("g", "m/s2") else channel.scale / of_one_g
         for key, unit, stated, given in (
             ("sensitivity_mv_per_g", "mV/g", samples.sensitivities[row], channel.sensitivity_mv_per_g),
             ("scale", "g a count", samples.count_scales[row], scale),
+            ("range_g", "g at full scale", samples.count_scales[row] if is_fraction else None, range_g),
         ):
             if stated is not None and given is not None and abs(stated - given) > _LEVEL_TOLERANCE * abs(given):
                 reason = f"{stated:g} {unit} by the recording, {given:g} by {key}"
@@ -70,7 +76,7 @@ def in_own_units(samples: Samples, as_stored: frozenset[int] = frozenset()) -> t
             continue
         if both[row][0] == "V" and level is not None:
             both[row] = "g", both[row][1] * 1e3 / level
-        elif count is not None and is_of_counts(unit):
+        elif count is not None and is_of_counts(unit) and not samples.scaled:
             both[row], stored[row] = ("g", count), SCALED
     units, factors = tuple([own or None for own, _ in both]), tuple([factor for _, factor in both])
     is_same = (units, tuple(stored)) == (samples.units, samples.stored)

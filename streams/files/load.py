@@ -299,7 +299,7 @@ def choose_channels(
     if unit is not None:
         samples = samples.changed(units=tuple(stated or unit for stated in samples.units))
     rows = [_row_of(samples, channel, where) for channel in channels]
-    as_stored = rows_as_stored(samples, channels, rows, where)
+    as_stored = rows_as_stored(samples, channels, rows, where, range_g)
     for row, channel in zip(rows, channels, strict=True):
         refuse_open(samples, row, channel, f"{where}: channel {channel.name}")
     written = samples

@@ -3,22 +3,33 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Container, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from streams.files.circumstances import circumstances_of, without
+from streams.files.circumstances import circumstances_of, judge_number, without
 from streams.files.container import read_guarded
 from streams.files.formats.head import decoded, head_of
 from streams.files.judge import judge_rate, judge_start, judge_unit, starts_of
 from streams.files.keys import KEYS
-from streams.files.statements import StatedNumber, rate_statements, unit_statements
+from streams.files.statements import Facts, StatedNumber, number_in, rate_statements, unit_statements
+from streams.types.block import STANDARD_GRAVITY
 from streams.types.listing import unpacked_name
 from streams.types.samples import FRACTIONS, Samples
 
 _MAX_BYTES = 1 << 16
 NOTE_ENDINGS = (".txt", ".ini", ".info", ".cal")
 """Endings of texts beside recordings that state what the format cannot."""
+_FULL_SCALE = re.compile(r"(?:channel|chan|ch|kanal|canal|canale|input)?([a-h1-8])?(?:fullscale|vollausschlag)")
+_FULL_SCALE_UNITS = {
+    "g": 1.0,
+    "gn": 1.0,
+    "mg": 1e-3,
+    **dict.fromkeys(("m/s2", "ms-2", "m/s/s"), 1.0 / STANDARD_GRAVITY),
+}
+_PEAK = re.compile(r"(?:[\s_-]+(?:pk|peak|spitze))\s*$", re.IGNORECASE)
+"""What full scale always is; of an RMS the factor to the peak is not known."""
 _SILENT_ENDINGS = (".wav", ".flac", ".npy")
 
 
@@ -35,7 +46,8 @@ def note_of(root: Path, path: str) -> tuple[str, dict[str, object]] | None:
         if os.path.lexists(f"{root}/{name}"):
             raw = read_guarded(root, name, max_bytes=_MAX_BYTES)
             facts = head_of([decoded(line).strip() for line in raw.splitlines()]).facts
-            if any(key.partition("#")[0] in KEYS for key in facts):
+            words = [key.partition("#")[0] for key in facts]
+            if any(word in KEYS or _FULL_SCALE.fullmatch(word) for word in words):
                 return name, facts
     return None
 
@@ -50,6 +62,24 @@ def is_note(path: str, recordings: Container[str]) -> bool:
 def _stem_of(path: str) -> tuple[str, str]:
     stem, dot, ending = unpacked_name(path).rpartition(".")
     return (stem, f".{ending.lower()}") if dot else (path, "")
+
+
+def _full_scales(facts: Facts, count: int, where: str) -> tuple[float | None, ...]:
+    """Return the g at full scale of each of some rows: stated for all, or for each under the name of its channel."""
+    stated: dict[str, list[StatedNumber]] = {}
+    for key, value in facts.items():
+        match = _FULL_SCALE.fullmatch(key.partition("#")[0])
+        if match is not None:
+            text = _PEAK.sub("", value) if isinstance(value, str) else value
+            number = number_in(text, key, _FULL_SCALE_UNITS)
+            if number is None or number.readings[0] <= 0.0:
+                return (None,) * count
+            stated.setdefault(match[1] or "", []).append(number)
+    found = {channel: judge_number(numbers, "full scale", where) for channel, numbers in stated.items()}
+    for names in (("",) * count, tuple(map(str, range(1, count + 1))), tuple("abcdefgh"[:count])):
+        if found.keys() == set(names):
+            return tuple(found[name] for name in names)
+    return (None,) * count
 
 
 def apply_note(
@@ -72,7 +102,10 @@ def apply_note(
         **judge_start(starts_of(facts, zone), where).fields,
         units=tuple(units),
         sensitivities=(beside.sensitivity,) * count,
-        count_scales=tuple(None if stored == FRACTIONS else beside.count for stored in samples.stored),
+        count_scales=tuple(
+            full if stored == FRACTIONS else beside.count
+            for stored, full in zip(samples.stored, _full_scales(facts, count, where), strict=True)
+        ),
         open_gain=beside.gain,
         open_multiplier=beside.multiplier,
         stated_speed=beside.speed,

@@ -49,6 +49,7 @@ from streams.files.keys import (
 )
 from streams.types.block import VELOCITY
 from streams.types.samples import ReaderError
+from streams.types.signs import in_signs
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
 
 Facts = Mapping[str, object]
@@ -88,10 +89,13 @@ def plain_unit(text: str) -> str:
     return plain
 
 
+_LETTERS = str.maketrans({"Δ": "delta", "µ": "u", "μ": "u", "ł": "l", "Ł": "l", "ø": "o", "ı": "i"})
+
+
 def plain_key(key: str) -> str:
     """Return letters and digits in lower case, without accents: ``samplingratehz``; those of Japanese as they are."""
     if not key.isascii():
-        key = unicodedata.normalize("NFKD", key.replace("Δ", "delta").replace("µ", "u").replace("μ", "u"))
+        key = unicodedata.normalize("NFKD", key.translate(_LETTERS))
         key = unicodedata.normalize("NFC", re.sub("[\u0300-\u036f]", "", key))
     return re.sub("[^a-z0-9\u3041-\u30ff\u4e00-\u9fff]", "", key.lower())
 
@@ -372,7 +376,9 @@ def _joined_stamps(facts: Facts, zone: str) -> list[tuple[str, Stamp]]:
 
 def is_date(value: object) -> bool:
     """Return whether a value is the text of a date, without a time of day."""
-    return isinstance(value, str) and re.fullmatch(rf"{DATE.pattern}|\d{{8}}|{MONTH_NAMED}", value.strip()) is not None
+    if not isinstance(value, str):
+        return False
+    return re.fullmatch(rf"{DATE.pattern}|\d{{8}}|{MONTH_NAMED}", in_signs(value).strip()) is not None
 
 
 def seconds_utc(value: object, zone: str) -> float | None:

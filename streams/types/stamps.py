@@ -13,6 +13,8 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
+from streams.types.signs import in_signs
+
 Order = Literal["day_first", "month_first"]
 ORDERS: tuple[Order, ...] = get_args(Order)
 
@@ -25,7 +27,7 @@ _WITH_MONTH_NAME = (
 )
 _DATE = r"(?P<a>\d{1,4})(?P<sep>[-/.])\s?(?P<b>\d{1,2})(?P=sep)\s?(?P<c>\d{4}|\d{1,2})"
 _CLOCK = (
-    r"(?P<H>\d{1,2})[:.h](?P<M>\d{2})(?:[:.](?P<S>\d{2})(?:[.,:](?P<f>\d{1,9}))?)?"
+    r"(?P<H>\d{1,2})[:.h](?P<M>\d{2})(?:[:.](?P<S>\d{2})(?:[.,:](?P<f>\d{1,9})\d{0,9})?)?"
     r"\s*(?P<half>[AaPp]\.?\s?[Mm]\.?)?(?:\s*Uhr)?"
 )
 _ZONE = r"\s*(?P<zone>Z|UTC|GMT|[+-]\d{2}:?\d{2})?"
@@ -70,7 +72,7 @@ _CLOCK_BELOW = re.compile(
     r"(?<!\d)(?:"
     r"(?P<H>\d\d)(?P<t>[-_.:h/])(?P<M>\d\d)(?:(?:(?P=t)|[m.])(?P<S>\d\d)(?:[-_.,](?P<f>\d{6}|\d{3}))?)?"
     r"|(?P<H3>\d\d)/?(?P<M2>\d\d)(?P<S2>\d\d)(?:[-_.,]?(?P<f2>\d{6}|\d{3}))?"
-    r")(?P<zone>Z)?(?!\d)"
+    r")(?:[-_ ]?(?P<half>[AaPp][Mm])(?![A-Za-z]))?(?P<zone>Z)?(?!\d)"
 )
 """A time of day below folders of a date; the hour may be a folder."""
 _DATE_FOLDERS = re.compile(
@@ -159,7 +161,7 @@ def read_stamp(value: object, zone: str) -> Stamp | None:
         return _stamp(str(value), value, zone)
     if not isinstance(value, str):
         return None
-    text = value.strip()[:_MAX_TEXT]
+    text = in_signs(value.strip()[:_MAX_TEXT])
     if _SINCE_1970.fullmatch(text):
         return _stamp_utc(text, epoch_seconds(float(text)))
     plain, leap = _LEAP_SECOND.subn(r"\g<1>59", text)
@@ -379,7 +381,7 @@ def _found_below(folders: str, name: str, zone: str) -> list[Stamp]:
         stamp
         for clock in _CLOCK_BELOW.finditer(rest)
         # Elsewhere, numbers without the separators of a time of day may count something.
-        if (clock["S"] or rest[clock.start() - 1] == "/")
+        if (clock["S"] or clock["half"] or rest[clock.start() - 1] == "/")
         and (stamp := _in_numbers(f"{date[0]}{rest[: clock.end()]}", {**clock.groupdict(), **date.groupdict()}, zone))
     ]
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from streams.files.abscissa import Abscissa, abscissa_of, column_statements, counts, is_even, refuse_spectrum
 from streams.files.axes import abscissa_size, ordinate_units
@@ -28,6 +29,7 @@ from streams.files.statements import (
 )
 from streams.types.samples import ReaderError, Samples
 
+_MAX_LOOKED = 4096
 Stated = TypeVar("Stated", StatedNumber, Start)
 _OF_COLUMNS = (*LEVELS, *UNIT_KEYS, "scale", "scalefactor")
 """Plain keys that a head may state of one column, with its name or number."""
@@ -81,13 +83,17 @@ def described(
     of_columns = with_named_after(of_columns, facts, names, channels)
     beside = circumstances_of(facts, name)
     own = [circumstances_of(found, name) for found in of_columns]
+    found_units = tuple(map(_unit_of, units, of_columns, [facts] * len(names), [name] * len(names)))
     found = replace(
         samples,
         channels=names,
         names=titles,
-        units=tuple(map(_unit_of, units, of_columns, [facts] * len(names), [name] * len(names))),
+        units=found_units,
         sensitivities=tuple(one.sensitivity or beside.sensitivity for one in own),
-        count_scales=tuple(one.count or beside.count for one in own),
+        count_scales=tuple(
+            (one.count or beside.count) if unit is not None or _is_whole(row) else None
+            for one, unit, row in zip(own, found_units, samples.values, strict=True)
+        ),
         open_gain=next((one.gain for one in (beside, *own) if one.gain), ""),
         open_multiplier=next((one.multiplier for one in (beside, *own) if one.multiplier), ""),
         **rate.fields,
@@ -136,6 +142,12 @@ def _axis(samples: Samples, place: int, title: str, units: StatedUnits, *, is_na
     if is_named or counts(values):
         return abscissa_of(title, units[0][1] if units else "", values)
     return Abscissa(title, "time") if is_even(values) else None
+
+
+def _is_whole(row: NDArray[np.floating]) -> bool:
+    """Return whether numbers without a unit may be counts: their first ones are whole."""
+    begin = np.asarray(row[:_MAX_LOOKED])
+    return bool(np.all(begin == np.floor(begin)))
 
 
 def _in_column(statements: list[Stated], title: str) -> list[Stated]:

@@ -8,8 +8,19 @@ from dataclasses import dataclass, field
 
 from streams.files.abscissa import abscissa_called
 from streams.files.axes import AXES
+from streams.files.formats.encodings import western_signs
 from streams.files.formats.numbers import first_line_of, is_number
-from streams.files.keys import COUNT, FACTORS, KEYS, LIKE_STEP, OTHER_UNITS, TIME_UNITS, UNIT_IN_NAME, UNIT_KEYS
+from streams.files.keys import (
+    COUNT,
+    FACTORS,
+    KEYS,
+    LIKE_STEP,
+    OTHER_UNITS,
+    STEPS,
+    TIME_UNITS,
+    UNIT_IN_NAME,
+    UNIT_KEYS,
+)
 from streams.files.statements import (
     Facts,
     add_fact,
@@ -29,11 +40,16 @@ _MARKS = "#%!'/*;\""
 """Signs of comments and quotes before a line."""
 _FACT = re.compile(rf"[{_MARKS}\s]*([^\W\d_][^:=;\t,]{{0,60}}?)\s*([:=;\t,])[\s;,]*(.*?)[\"\s;,]*$")
 _FACT_BY_BLANK = re.compile(rf"[{_MARKS}\s]*([^\W\d_][^:=;\t,\d]{{0,60}}?)\s+([\d.]\S*(?:\s+\S{{1,12}})?)\s*$")
+_OF_SCOPE = ("start", "increment", "xincrement", "xorigin", "tstart", "tinc")
 _UNITS = OTHER_UNITS | TIME_UNITS.keys() | set(COUNT)
 """Units beside those of vibration of which a line of units may consist."""
 _CLOCK_IN_VALUE = re.compile(r"\d:\d\d,\d+$|\d,\s*\d{1,2}:\d\d")
 _GROUPED = re.compile(r"[-+]?\d{1,3}(?:[.,'\s]\d{3})+(?:[.,]\d+)?")
 """A number whose thousands are grouped."""
+_INNER = re.compile(r"(?<=[:;,|(\s])\s*([^\W\d_][\w ]{0,40}?)\s*=\s*([^,;|)=]+)")
+"""A key and its value among others in one line."""
+_LEVEL = re.compile(r"(?<![\w.,/])(\d+(?:[.,]\d+)? ?[mµu]?g ?/ ?(?:LSB|digit|count))(?![\w/])", re.IGNORECASE)
+_WITH_COMMA = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?")
 _UNIT_BEHIND = re.compile(r"^(.*?)(?:\s+in\s+|\s*/\s*)(\S.*?)\s*$")
 """A name with its unit as in ``Zeit/s`` and ``Beschleunigung in m/s²``."""
 
@@ -41,7 +57,7 @@ _UNIT_BEHIND = re.compile(r"^(.*?)(?:\s+in\s+|\s*/\s*)(\S.*?)\s*$")
 def decoded(line: bytes) -> str:
     """Return a line of UTF-8 or, where it is none, of Windows-1252."""
     try:
-        return line.decode("utf-8")
+        return western_signs(line.decode("utf-8"))
     except UnicodeDecodeError:
         return line.decode("cp1252", "replace")
 
@@ -100,7 +116,10 @@ def is_numbers(line: str) -> bool:
     """Return whether most fields of a line, and the first, are numbers, whose thousands may be grouped."""
     filled = [field for field in _fields(line[:_MAX_SNIFFED_CHARACTERS]) if field]
     numbers = [is_number(field) or _GROUPED.fullmatch(field) is not None for field in filled]
-    return bool(filled) and numbers[0] and sum(numbers) * 2 >= len(filled)
+    by_blanks = line[:_MAX_SNIFFED_CHARACTERS].split()
+    return (bool(filled) and numbers[0] and sum(numbers) * 2 >= len(filled)) or (
+        len(by_blanks) > 1 and all(map(_WITH_COMMA.fullmatch, by_blanks))
+    )
 
 
 def _fields(line: str) -> list[str]:
@@ -113,11 +132,14 @@ def _fields(line: str) -> list[str]:
 def head_of(lines: list[str]) -> Head:
     """Return what the lines above the numbers state."""
     head = Head(lines=len(lines))
-    kept = [line for line in lines if line.strip()]
+    kept = _of_scope(head, [line for line in lines if line.strip()])
     if kept and kept[-1].startswith(("#", "%")) and _are_titles(kept[-1].lstrip("#% ")):
         kept[-1] = kept[-1].lstrip("#% ")
     titles = [line for line in kept[-2:] if not line.startswith(("#", "%", "***"))]
     both = [_fields(line) for line in titles]
+    if len(both) == 2 and "\t" in titles[1] and len(both[1]) < len(both[0]):
+        # The units of the last columns are not stated.
+        both[1] += [""] * (len(both[0]) - len(both[1]))
     if len(both) == 2 and len(both[1]) == 1 and not re.search(r"[;\t,]", titles[0]):
         # One column, whose name may hold blanks.
         both[0] = [titles[0].strip().strip('"')]
@@ -130,7 +152,7 @@ def head_of(lines: list[str]) -> Head:
         head.names = tuple(both[0])
         head.units = tuple(known_unit(unit) for unit in both[1])
         kept = kept[:-2]
-    elif titles and titles[-1] == kept[-1] and not _is_fact(titles[-1]):
+    elif head.names is None and titles and titles[-1] == kept[-1] and not _is_fact(titles[-1]):
         head.names, head.title = tuple(_fields(titles[-1])), titles[-1]
         kept = kept[:-1]
     for line in itertools.chain.from_iterable(map(_pairs, kept)):
@@ -141,6 +163,30 @@ def head_of(lines: list[str]) -> Head:
             value = text if whole else _value_of(text, is_axis=plain_key(match[0]) in AXES)
             add_fact(head.facts, plain_key(match[0]), value.strip().strip('"'), f"{match[0].strip()} (again)")
     return head
+
+
+def _of_scope(head: Head, lines: list[str]) -> list[str]:
+    """Take the two lines of names and units in which an oscilloscope states its step, and return those above.
+
+    Behind the columns the first one has names such as ``Start`` and ``Increment``, the second one their numbers.
+    """
+    titles, below = (_fields(line) for line in lines[-2:]) if len(lines) > 1 else ([], [])
+    stated = [
+        place
+        for place, (key, value) in enumerate(zip(titles, below, strict=False))
+        if plain_key(key) in _OF_SCOPE and is_number(value)
+    ]
+    columns = stated[0] if stated else 0
+    if not columns or not any(plain_key(titles[place]) in STEPS for place in stated):
+        return lines
+    head.names, head.title = tuple(titles[:columns]), ""
+    head.units = tuple(known_unit(unit) for unit in below[:columns])
+    if abscissa_called(below[0], "").kind is not None:
+        head.names, head.units = (below[0], *head.names[1:]), (None, *head.units[1:])
+    for place in stated:
+        if plain_key(titles[place]) in STEPS:
+            add_fact(head.facts, plain_key(titles[place]), below[place], titles[place])
+    return lines[:-2]
 
 
 def _fact_in(line: str) -> tuple[str, str] | None:
@@ -161,7 +207,19 @@ def _are_titles(line: str) -> bool:
 
 
 def _pairs(line: str) -> list[str]:
-    """Return a line as lines of one key each, where keys and values take turns in its fields."""
+    """Return a line as lines of one key each, where keys and values take turns in its fields.
+
+    So are those of ``Config: data_rate = 2000.0 Hz, filter = 488 Hz`` and of a level behind words, as ``3.9 mg/LSB``.
+    """
+    inner = [(match[1], match[2].strip()) for match in _INNER.finditer(line)]
+    levels = _LEVEL.findall(line)
+    match = _FACT.match(line)
+    if match is not None and plain_key(match[1]) not in KEYS:
+        stated = [f"{key}\t{value}" for key, value in inner if plain_key(key) in KEYS and value != match[3].strip()]
+        if len(levels) == 1 and is_number(levels[0].split(" ")[0]):
+            stated.append(f"scale\t{levels[0]}")
+        if stated:
+            return [line, *stated]
     fields = _fields(line)
     keys = [plain_key(field) for field in fields[::2]]
     both = len(fields) >= 4 and len(fields) % 2 == 0 and all(key in KEYS for key in keys)

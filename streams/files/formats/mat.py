@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from streams.files.formats.hdf5 import SIGNATURE, Budget, attributes, join_arrays, load_unpacked, open_hdf5, walk
 from streams.files.judge import stated_start
-from streams.files.keys import KEYS
+from streams.files.keys import KEYS, STEPS, TIME_UNITS
 from streams.files.parse.worker import check_claim, from_disk
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
-from streams.files.statements import STORED, Facts, add_fact, nearest, plain_key
+from streams.files.statements import STORED, Facts, add_fact, nearest, plain_key, plain_unit
 from streams.types.large import Data, stream_of
 from streams.types.samples import ReaderError, Samples, may_be_rows, rows_of, stored_as
 
@@ -31,6 +31,8 @@ _DATENUMS = (693962.0, 767011.0)
 """Serial dates of MATLAB for 1900 and 2100."""
 _EPOCH = datetime(1970, 1, 1)
 _COMPRESSED = 15
+_ABSCISSAE = ("xvalues", "xaxis", "xdata", "abscissa")
+"""Plain names of structures that describe the times of their neighbours."""
 _MAX_RECORDS = 256
 _ITEM_BYTES = {"int8": 1, "uint8": 1, "logical": 1, "int16": 2, "uint16": 2}
 _ITEM_BYTES |= {"char": 4, "int32": 4, "uint32": 4, "single": 4}
@@ -216,6 +218,8 @@ def read_mat(
         patterns = [f"*.{pattern}" for pattern in patterns]
     stating = [key for key in variables if plain_key(key) in KEYS]
     parents = {pattern.rpartition(".")[0] for pattern in patterns if "." in pattern}
+    # Of ``signal.y_values.values`` the step stands in ``signal.x_values``.
+    parents |= {parent.rpartition(".")[0] for parent in parents if "." in parent}
     parents |= {pulses.rpartition(".")[0] or pulses} if pulses is not None else set()
     asked = [*sought(patterns, pulses, "."), *stating, *(f"{parent}.*" for parent in parents)]
     values = load_mat(data, name, asked)
@@ -250,6 +254,20 @@ def _stated(values: MatValues) -> dict[str, dict[str, object]]:
     facts: dict[str, dict[str, object]] = {}
     for key in values:
         parent, _, last = key.rpartition(".")
+        outer, _, axis = parent.rpartition(".")
+        if plain_key(axis) in _ABSCISSAE and outer:
+            step = scalar(values, key) if plain_key(last) in STEPS else None
+            size = TIME_UNITS.get(plain_unit(text(values, f"{parent}.quantity.label") or ""))
+            if step is not None and size is not None:
+                add_fact(facts.setdefault(outer, {}), "dt", step * size, key)
+            continue
+        if plain_key(axis) == "quantity" and plain_key(last) == "label":
+            # With a factor the numbers may be in this unit, or in what it is a multiple of.
+            is_plain = scalar(values, f"{parent}.unit_transformation.factor") in (None, 1.0)
+            of_times = plain_key(outer.rpartition(".")[2]) in _ABSCISSAE
+            if is_plain and not of_times and (label := text(values, key)) is not None:
+                add_fact(facts.setdefault(outer, {}), "unit", label, key)
+            continue
         if plain_key(last) not in KEYS:
             continue
         value = text(values, key) or scalar(values, key)
@@ -261,9 +279,12 @@ def _stated(values: MatValues) -> dict[str, dict[str, object]]:
 
 
 def _around(facts: Mapping[str, Facts], structure: str) -> Facts:
-    """Return what a structure states and, where it does not contain it, what stands beside it."""
-    own = facts.get(structure, {})
-    return nearest(facts.get("", {}), own, "beside the structures") if structure else own
+    """Return what a structure states, and what those around it and the file do."""
+    found = facts.get(structure, {})
+    while structure:
+        structure = structure.rpartition(".")[0]
+        found = nearest(facts.get(structure, {}), found, f"in {structure}" if structure else "beside the structures")
+    return found
 
 
 def _joined(

@@ -80,12 +80,16 @@ def plain_numbers(body: bytes) -> bytes:
         body = re.sub(rb'"[^"\n]*"|,', _unquoted, body) if inner else body.replace(b'"', b"")
         first = first_line_of(body)
     text = body.rstrip(b"\r\n ")
-    for sign in (b";", b",", b"\t"):
-        ends = (sign + b"\r\n", sign + b"\n")
-        if first.rstrip(b"\r ").endswith(sign):
-            count = sum(map(text.count, ends)) + text.endswith(sign)
-            if count == text.count(b"\n") + 1:
-                body = text.removesuffix(sign).replace(ends[0], b"\r\n").replace(ends[1], b"\n") + b"\n"
+    bare = first.rstrip(b"\r ")
+    sign = next((sign for sign in (b";", b",", b"\t") if bare.endswith(sign)), b"")
+    if sign:
+        # Columns of which only the head has something: as many as are empty in all rows.
+        for length in range(len(bare) - len(bare.rstrip(sign)), 0, -1):
+            behind = sign * length
+            ends = (behind + b"\r\n", behind + b"\n")
+            if sum(map(text.count, ends)) + text.endswith(behind) == text.count(b"\n") + 1:
+                body = text.removesuffix(behind).replace(ends[0], b"\r\n").replace(ends[1], b"\n") + b"\n"
+                break
     if b";" not in first and b"\t" not in first:
         return body
     for sign, behind in _GROUPING:

@@ -21,8 +21,9 @@ _MAX_UNEVEN = 200_000
 """Rows whose stamps differ in width: they are read one by one."""
 _MAX_PREFIX = 48
 _DAY = 86400.0
-_FIXED = re.compile(r"(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?$")
-_HALF = re.compile(r"[AaPp]\.?\s?[Mm]")
+_FIXED = re.compile(r"(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?(?: ([AaPp])[Mm])?$")
+_NUMBERED = re.compile(r"\"?\d{1,7}\"?\s*[;\t,](?!\s*\"?\d+\"?\s*[;\t,])")
+"""A running number before the stamp of a row."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def split_stamps(body: bytes, name: str, zone: str) -> StampedRows | None:
     found = _first_row(body, zone)
     if found is None:
         return None
-    begin, head, separator, columns = found
+    begin, head, separator, columns, numbered = found
     rows = body[begin:].rstrip(b"\r\n ").split(b"\n")
     sign = separator.encode()
     stamps: list[bytes] = []
@@ -69,10 +70,10 @@ def split_stamps(body: bytes, name: str, zone: str) -> StampedRows | None:
         if len(parts) <= columns:
             where = len(head) + len(numbers) + 1
             raise ReaderError("unreadable", f"{name}: line {where}: expected a date and numbers, found {row[:30]!r}")
-        stamps.append(b" ".join(part.strip().strip(b'"') for part in parts[:columns]))
+        stamps.append(b" ".join(part.strip().strip(b'"') for part in parts[numbered:columns]))
         numbers.append(parts[columns])
     first = stamps[0].decode("latin-1")
-    times = _even_times(stamps, zone) if not _HALF.search(first) else None
+    times = _even_times(stamps, zone)
     if times is None:
         times = _uneven_times(stamps, name, zone, len(head) + 1)
     size = _size_of_fractions(head, separator, columns)
@@ -104,27 +105,37 @@ def lines_above_stamps(body: bytes, zone: str) -> list[str] | None:
     return None if found is None else found[1]
 
 
-def _first_row(body: bytes, zone: str) -> tuple[int, list[str], str, int] | None:
-    """Return where rows with stamps begin, the lines above, the separator, and the columns of a stamp."""
+def _first_row(body: bytes, zone: str) -> tuple[int, list[str], str, int, int] | None:
+    """Return where rows with stamps begin, the lines above, the separator, and the columns up to the end of a stamp.
+
+    The last is how many of these have a running number: 0 or 1.
+    """
     head: list[str] = []
     begin = 0
     while begin < len(body) and len(head) <= MAX_HEAD_LINES:
         line = first_line_of(body, begin)
         following = first_line_of(body, begin + len(line) + 1)
         text = line[: 4 * _MAX_PREFIX].decode("utf-8", "replace").strip()
-        if is_number(re.split(r"[;\t, ]", text, maxsplit=1)[0]):
-            return None
+        below = following.decode("utf-8", "replace").strip()
         for separator in ";\t, ":
             columns = _stamp_columns(text, separator, zone)
-            if columns and _stamp_columns(following.decode("utf-8", "replace").strip(), separator, zone) == columns:
-                return begin, head, separator, columns
+            if columns and _stamp_columns(below, separator, zone) == columns:
+                return begin, head, separator, columns, int(_NUMBERED.match(text) is not None)
+        if is_number(re.split(r"[;\t, ]", text, maxsplit=1)[0]):
+            return None
         head.append(line_of(line))
         begin += len(line) + 1
     return None
 
 
 def _stamp_columns(line: str, separator: str, zone: str) -> int:
-    """Return how many columns of a line are its stamp, 0 where it has none or no number behind it."""
+    """Return how many columns of a line its stamp takes, with a running number before it; 0 where it has none.
+
+    A number must stand behind it.
+    """
+    if separator != " " and _NUMBERED.match(line):
+        behind = _stamp_columns(line.partition(separator)[2], separator, zone)
+        return behind and behind + 1
     fields = [part.strip().strip('"') for part in line[: 4 * _MAX_PREFIX].split(separator)]
     if len(fields) >= 3 and is_date(fields[0]) and CLOCK.fullmatch(fields[1]):
         columns = 2
@@ -160,6 +171,9 @@ def _even_times(stamps: Sequence[bytes], zone: str) -> NDArray[np.float64] | Non
             return None
         whole = part @ 10 ** np.arange(high - low - 1, -1, -1)
         seconds += whole * (unit * 10.0 ** (low - high) if group == 4 else unit)
+        if group == 1 and clock[5]:
+            late = np.frombuffer(b"".join(stamp[clock.start(5) : clock.end(5)].lower() for stamp in stamps), np.uint8)
+            seconds += 3600.0 * (12.0 * (late == ord("p")) - 12.0 * (whole == 12))
         if group == 3 and (whole == 60).any():
             # Behind a leap second, the clock is one second behind the time that has passed.
             seconds[np.flatnonzero(whole == 60)[-1] + 1 :] += 1.0

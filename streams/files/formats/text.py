@@ -8,7 +8,9 @@ from contextlib import suppress
 
 import numpy as np
 
+from streams.files.formats.below import add_footer, cut_footer, without_spectrum
 from streams.files.formats.described import described
+from streams.files.formats.encodings import in_utf8
 from streams.files.formats.head import (
     MAX_HEAD_LINES,
     Head,
@@ -38,6 +40,7 @@ from streams.types.samples import ReaderError, Samples, check_rows
 _BOM = b"\xef\xbb\xbf"
 _MAX_HEAD_BYTES = 4 << 20
 """Of a large file: its first lines of numbers stand in them."""
+_MAX_TAIL_BYTES = 1 << 14
 
 
 def read_text(
@@ -122,7 +125,7 @@ def clean_text(data: bytes, name: str) -> bytes:
         raise ReaderError(
             "unreadable", f"{name}: expected text, found binary data (or UTF-16 without a byte order mark)"
         )
-    body = data.removeprefix(_BOM)
+    body = in_utf8(data.removeprefix(_BOM))
     if b"\n" not in body and b"\r" in body:
         body = body.replace(b"\r", b"\n")
     if not body or body.isspace():
@@ -160,7 +163,8 @@ def _has_decimal_commas(line: str, head: Head | None) -> bool:
     if not all(re.fullmatch(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?", field) for field in fields):
         return False
     if head is not None and head.names is not None:
-        return len(titles_with_blanks(head.title, len(fields)) or ()) == len(fields) and not head.title.count(",")
+        names = titles_with_blanks(head.title, len(fields)) if head.title else head.names
+        return len(names or ()) == len(fields) and not head.title.count(",")
     return len(fields) > 1 or re.search(r",0\d", line) is not None
 
 
@@ -234,12 +238,17 @@ def _lines_above(text: bytes, name: str, zone: str) -> list[str]:
 
 def _read_alone(text: bytes, name: str, zone: str, disregard: Sequence[str]) -> tuple[Samples, int]:
     """Read a text of one recording; return also how many rows its head promises at least."""
+    text, footer = (text, []) if is_labview(text) else cut_footer(text, zone)
     stamped = None if is_labview(text) else split_stamps(text, name, zone)
     body, skipped = cut_head(text, name) if stamped is None else (stamped.body, stamped.head)
-    body = labview_body(body) if is_labview(text) else plain_numbers(body)
-    del text
     head = _head_of(skipped, name)
     removed = 0 if stamped is None else stamped.columns
+    if is_labview(text):
+        body = labview_body(body)
+    else:
+        add_footer(head, footer)
+        body = plain_numbers(body if removed else without_spectrum(body, head))
+    del text
     # Behind a stamp a single column may be left, with decimal commas.
     separators = head.separators if stamped is None or stamped.separator not in ";\t" else stamped.separator
     alone = head.names is None or len(head.names) == 1
@@ -257,7 +266,8 @@ def _head_of(lines: list[str], name: str) -> Head:
 def _read_from_disk(data: FileBytes, name: str) -> tuple[Samples, Head] | None:
     """Read a large file as :func:`read_layout`, line by line; None for one that has to be read as a whole.
 
-    Such are UTF-16, rows with stamps, several recordings, ends of lines without a newline, and few long lines.
+    Such are other encodings than UTF-8, rows with stamps, several recordings, footers, ends of lines without a newline,
+    and few long lines.
     """
     begin = len(_BOM) if data.startswith(_BOM) else 0
     top = data[begin : begin + _MAX_HEAD_BYTES]
@@ -271,6 +281,8 @@ def _read_from_disk(data: FileBytes, name: str) -> tuple[Samples, Head] | None:
     elif lines_above_stamps(top, "UTC") is not None:
         return None
     rest, skipped = cut_head(top, name)
+    if in_utf8(top) is not top or cut_footer(data[max(0, len(data) - _MAX_TAIL_BYTES) :], "UTC")[1]:
+        return None
     begin += len(top) - len(rest)
     head, first = _head_of(skipped, name), first_line_of(rest)
     points = data.find(b".", begin) >= 0
@@ -296,6 +308,8 @@ def _titled(samples: Samples, head: Head, name: str, removed: int = 0) -> Sample
     if head.names is not None and len(head.names) > removed:
         head.names = head.names[removed:]
         head.units = None if head.units is None else head.units[removed:]
+    while head.names is not None and len(head.names) > width + 1 and not head.names[-1]:
+        head.names = head.names[:-1]
     if head.names is not None and len(head.names) == width + 1 and head.names[-1].lower() in ("comment", ""):
         head.names, head.of_columns = head.names[:-1], head.of_columns[:width]
         head.units = None if head.units is None else head.units[:width]
