@@ -11,9 +11,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from streams.files.judge import stated_rate
+from streams.files.judge import judge_rate
 from streams.files.keys import PULSE_KEYS
-from streams.files.statements import Facts, number_of, seconds_utc
+from streams.files.statements import Facts, number_of, rate_statements, seconds_utc
 from streams.turns.pulses import Pulses
 from streams.types.samples import ReaderError, Samples
 
@@ -86,7 +86,7 @@ def with_pulses(
         raise ReaderError("unreadable", f"{where}: expected times of pulses, got type {values.dtype}")
     else:
         # Loggers write a step of 0 beside times.
-        rate = stated_rate(own, where) if not unit or unit in _COUNTS else None
+        rate = _rate_of_counts(own, where) if not unit or unit in _COUNTS else None
         if unit in _COUNTS or (not unit and rate is not None):
             times, epoch = _of_counts(values, rate, unit, where), began
         else:
@@ -96,6 +96,18 @@ def with_pulses(
         # By the clock of the file, however the file is dated.
         times, epoch = times + (epoch - samples.start), None
     return replace(samples, pulses=checked_pulses(times, per_revolution(own, where), where), pulse_epoch=epoch)
+
+
+def _rate_of_counts(own: Facts, where: str) -> float | None:
+    """Return the rate in Hz at which pulses were counted, None where none is stated.
+
+    Raises:
+        ReaderError: ``wrong_rate`` where it contradicts itself or may be read in several ways.
+    """
+    found = judge_rate(rate_statements(own, where), where)
+    if found.readings:
+        raise ReaderError("wrong_rate", f"{where}: {found.written} of the pulses may mean {found.meant}")
+    return found.value
 
 
 def per_revolution(facts: Facts, where: str) -> int | None:

@@ -47,7 +47,7 @@ _SINCE_1970_IN_NAME = re.compile(r"(?<!\d)1\d{9}(?:\d{3})?(?!\d)")
 _CLOCK_IN_NAME = (
     r"(?P<H>\d\d)(?:(?P<t>[-_.:h])(?P<M>\d\d)(?:[-_.:m](?P<S>\d\d)(?:[-_.,](?P<f>\d{6}|\d{3}))?)?"
     r"|(?P<M2>\d\d)(?P<S2>\d\d)(?:[-_.,]?(?P<f2>\d{6}|\d{3}))?)"
-    r"(?:[-_ ]?(?P<half>[AaPp][Mm]))?(?P<zone>Z|\+\d\d:?\d\d)?(?!\d)"
+    r"(?:[-_ ]?(?P<half>[AaPp][Mm]))?(?P<zone>Z|\+\d\d[:_-]?\d\d|[_ ]?(?:UTC|GMT|CES?T|MES?Z)(?![A-Za-z]))?(?!\d)"
 )
 _IN_NAMES = tuple(
     re.compile(rf"(?<!\d){date}{_CLOCK_IN_NAME}")
@@ -82,6 +82,8 @@ _DATE_FOLDERS = re.compile(
 """Folders that hold nothing but a date: year to minute, one below the other, or a date as the name."""
 _MAX_DATE_FOLDERS = 5
 
+_ZONES = {"Z": 0, "UTC": 0, "GMT": 0, "CET": 1, "MEZ": 1, "CEST": 2, "MESZ": 2}
+"""Hours ahead of UTC of zones that are written in letters behind a time of day."""
 _DIRECTIVES = {
     "Y": r"\d{4}",
     "y": r"\d\d",
@@ -309,9 +311,10 @@ def _at(year: int, month: str, day: str, parts: Mapping[str, str | None], zone: 
 def _offset(text: str | None) -> tzinfo | None:
     if not text:
         return None
-    if text in ("Z", "UTC", "GMT"):
-        return UTC
-    digits = text.replace(":", "")
+    word = text.strip("_ ")
+    if word in _ZONES:
+        return timezone(timedelta(hours=_ZONES[word]))
+    digits = re.sub("[:_-]", "", text[1:]).rjust(5)
     minutes = 60 * int(digits[1:3]) + int(digits[3:5])
     return timezone(timedelta(minutes=-minutes if text[0] == "-" else minutes))
 

@@ -104,6 +104,13 @@ def test_one_pulse_and_a_pulse_rounded_out_of_the_samples(tmp_path: Path) -> Non
     assert pulses_of(first(tmp_path, "x.h5", make(edges, "s"), where))[0].tolist() == [0.01]
 
 
+def test_counts_whose_rate_may_be_in_khz_are_refused(tmp_path: Path) -> None:
+    make, where = FORMATS["x.h5"]
+    item = first(tmp_path, "x.h5", make(np.array([5, 5, 6], np.int32), "counts", sampling_rate=12.8), where)
+    assert isinstance(item, Rejected)
+    assert "of the pulses may mean 12.8 or 12800 Hz" in item.reason
+
+
 @pytest.mark.parametrize("name", ["x.tdms", "x.h5"])
 def test_counts_are_pulses_in_the_middle_of_their_step(name: str, tmp_path: Path) -> None:
     make, where = FORMATS[name]
