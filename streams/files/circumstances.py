@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from streams.files.keys import GAINS, KEYS, MULTIPLIERS
+from streams.files.keys import ATTENUATIONS, GAINS, KEYS, MULTIPLIERS
 from streams.files.statements import (
     Facts,
     StatedNumber,
@@ -79,6 +79,10 @@ def circumstances_of(facts: Facts, where: str) -> Circumstances:
     """Judge speed, load and sensitivity among named values; ReaderError as :func:`judge_number`."""
     level = judge_number(level_statements(facts), "sensitivity", where)
     gain, multiplier = _factor_words(facts, GAINS), _factor_words(facts, MULTIPLIERS)
+    divider = _factor_words(facts, ATTENUATIONS)
+    if not gain[1] and divider[0]:
+        # What is no number may be the name of a probe.
+        gain = 1.0 / divider[0], divider[1]
     words = gain[1]
     if words and level is not None:
         both = "" if gain[0] is None else f", {level:g} or {level * gain[0]:g} mV/g"
@@ -98,7 +102,7 @@ def _factor_words(facts: Facts, keys: frozenset[str]) -> tuple[float | None, str
     for key, place, value in named(facts, keys):
         text = re.sub(r"^[x×*]\s*", "", str(value).strip().lower())
         decibels = number_in(text, place, {"db": 1.0, **({"": 1.0} if key.endswith("db") else {})})
-        found = number_in(text, place, {"": 1.0, "x": 1.0, "×": 1.0, "v/v": 1.0})
+        found = number_in(text, place, {"": 1.0, "x": 1.0, "×": 1.0, "v/v": 1.0, ":1": 1.0})
         factor = 10.0 ** (decibels.readings[0] / 20.0) if decibels is not None else found and found.readings[0]
         if (factor is None and text not in _NEUTRAL) or (factor is not None and abs(factor - 1.0) > 1e-9):
             return factor, f"{place} {str(value)!r}"

@@ -151,7 +151,9 @@ GAINS = frozenset(
 )  # fmt: skip
 MULTIPLIERS = frozenset(("multiplier", "ymultiplier", "ymult", "yfactor", "yscalefactor", "verticalmultiplier",
                          "multiplikator", "conversionfactor", "umrechnungsfaktor"))  # fmt: skip
-"""Plain keys of an amplifier before the converter, and of what numbers may have to be multiplied by."""
+ATTENUATIONS = frozenset(word + end for word in ("probe", "probeattenuation", "attenuation", "attenuationfactor",
+                         "probefactor", "tastkopf", "dampfung", "abschwachung") for end in ("", "db"))  # fmt: skip
+"""Plain keys of an amplifier before the converter, of what numbers may have to be multiplied by, and of a divider."""
 SCALES: dict[str, str] = dict.fromkeys(
     (
         *("scale", "scalefactor", "scaling", "resolution", "lsb", "lsbsize", "countscale", "sensitivity"),
@@ -171,7 +173,7 @@ SCALE_UNITS = {
 PER_G = {f"{count}/g": 1.0 for count in COUNT} | {f"{count}/mg": 1e3 for count in COUNT}
 """Units of a count in g, and of counts in one g."""
 KEYS = frozenset((*FACTORS, *TIME_KEYS, *ZONE_KEYS, *SUMMER_KEYS, *DECIMATIONS,
-                  *UNIT_KEYS, *PULSE_KEYS, *SPEEDS, *LOADS, *GAINS, *MULTIPLIERS,
+                  *UNIT_KEYS, *PULSE_KEYS, *SPEEDS, *LOADS, *GAINS, *MULTIPLIERS, *ATTENUATIONS,
                   *LEVELS, *SCALES))  # fmt: skip
 """Plain keys that may state rate, unit, start, sensitivity, speed, load or pulses a revolution."""
 OTHER_UNITS = frozenset(

@@ -48,6 +48,8 @@ def rms(path: Path, **how: Any) -> float:
         ({"Gain": "20 dB"}, "1000"),
         ({"gain db": "40"}, "10000"),
         ({"Amplification": "x10"}, "1000"),
+        ({"Probe": "10x"}, "10"),
+        ({"Attenuation": "20 dB"}, "10"),
     ],
 )
 def test_a_gain_beside_a_sensitivity_is_asked(maker: str, gain: Words, both: str, tmp_path: Path) -> None:
@@ -55,6 +57,12 @@ def test_a_gain_beside_a_sensitivity_is_asked(maker: str, gain: Words, both: str
     with pytest.raises(sw.SpallwatchError, match=rf"in V; .*100 or {both} mV/g"):
         sw.read(path)
     assert rms(path, disregard=list(gain)) == pytest.approx(GRAVITY * 10.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_a_probe_may_have_a_name(maker: str, tmp_path: Path) -> None:
+    path = MAKERS[maker](tmp_path, {**LEVEL, "Probe": "PCB 352C33"}, "V")
+    assert rms(path) == pytest.approx(GRAVITY * 10.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("maker", MAKERS)
