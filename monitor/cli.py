@@ -6,6 +6,8 @@ import importlib.util
 import os
 import pkgutil
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
     from models.words.extras import Command
 
 DONE, FAILED, WRONG = 0, 1, 2
+_WITHHELD = 0o027
+"""Permissions that nothing the program makes has: files get 0640 at most, folders 0750; secrets ask for 0600."""
 
 _COMMANDS = {
     "demo": ("demo:command", "Monitor a simulated bearing that wears out, and write a report."),
@@ -113,6 +117,17 @@ def check_installation() -> str | None:
     return None
 
 
+@contextmanager
+def _withheld() -> Iterator[None]:
+    """Make files and folders for owner and group only, also in children; a stricter umask of the caller stays."""
+    before = os.umask(0o777)
+    os.umask(before | _WITHHELD)
+    try:
+        yield
+    finally:
+        os.umask(before)
+
+
 def main() -> None:
     """Run the command line and exit."""
     problem = check_installation()
@@ -122,7 +137,7 @@ def main() -> None:
     from models.platform.process_signals import interrupts_kept
 
     try:
-        with interrupts_kept():
+        with _withheld(), interrupts_kept():
             code = spallwatch.main(prog_name="spallwatch", standalone_mode=False)
         sys.exit(code if isinstance(code, int) else DONE)
     except click.ClickException as error:

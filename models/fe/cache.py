@@ -142,7 +142,7 @@ class FeCache:
             size = temporary.stat().st_size
             if size > self._max_bytes:
                 return
-            temporary.chmod(0o644)
+            temporary.chmod(0o640)
             temporary.replace(path)
             self._evict(path, size)
         except OSError as error:

@@ -75,7 +75,7 @@ def save_map(rms_map: RmsMap, path: Path | str) -> None:
         raise OSError(errno.EIO, f"{error}, with {1e-6 * free:.1f} MB free") from None
     else:
         # mkstemp makes files that only their owner can read.
-        temporary.chmod(0o644)
+        temporary.chmod(0o640)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

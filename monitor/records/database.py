@@ -220,7 +220,7 @@ def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> 
     if not path.exists() and not create:
         raise StoreError(f"{path}: no such file")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        path.parent.mkdir(0o750, parents=True, exist_ok=True)
         refuse_network_share(path, path.parent)
         head = b""
         if path.exists() and look_inside:
@@ -255,8 +255,11 @@ def refuse_network_share(path: Path, folder: Path) -> None:
 def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
     """Open the database, make its tables if it is new, and check its version; a writer migrates an older one."""
     try:
+        if new:
+            # SQLite gives its log and index the permissions of the store, whatever the umask of the process.
+            path.touch(0o640)
         connection = opened(path, "ro" if read_only else "rwc")
-    except sqlite3.Error as error:
+    except (OSError, sqlite3.Error) as error:
         raise StoreError(f"{path}: {error}") from error
     try:
         connection.execute("PRAGMA foreign_keys = ON")

@@ -43,7 +43,7 @@ def save_library(library: Library, path: Path | str) -> None:
         with os.fdopen(handle, "wb") as stream:
             np.savez_compressed(stream, allow_pickle=False, **arrays)
         # mkstemp makes files that only their owner can read.
-        temporary.chmod(0o644)
+        temporary.chmod(0o640)
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

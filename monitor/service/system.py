@@ -52,7 +52,7 @@ class StatusFile(Closing):
             StoreError: another daemon has it, or the folder cannot be written.
         """
         try:
-            state_dir.mkdir(parents=True, exist_ok=True)
+            state_dir.mkdir(0o750, parents=True, exist_ok=True)
             lock = FileLock(state_dir / _LOCK)
         except OSError as error:
             raise StoreError(f"{state_dir}: {error.strerror or error}") from None
