@@ -1,4 +1,4 @@
-"""Write what a service or a worker needs of the lock file, without the tools of development.
+"""Write what a service, a worker or a build needs of the lock file, without the other tools of development.
 
 Run as ``python -m deploy.runtime_lock`` in an environment that holds all that ``requirements.lock`` lists: what depends
 on what is read from the installed packages, versions and hashes from the lock file.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib.metadata
 import re
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from pathlib import Path
 
 from packaging.requirements import Requirement
@@ -22,6 +22,8 @@ CLUSTER_LOCK = ROOT / "deploy" / "cluster" / "requirements.lock"
 EXTRAS = ("hdf5", "tdms", "uff", "tables", "mqtt", "opcua", "sparkplug", "pdf")
 LOCKS = {RUNTIME_LOCK: EXTRAS, CLUSTER_LOCK: ("hdf5", "tdms", "uff", "tables", "pdf", "identify", "cluster", "s3")}
 """Extras of each lock file: those that a service may need, and those that a worker may need."""
+BUILD_LOCK, BUILDERS = ROOT / "deploy" / "build_requirements.lock", ("build", "hatchling")
+"""What the container file builds the wheel with."""
 DEMO = ROOT / "deploy" / "demo_packages.txt"
 """Names of the packages of ``requirements.lock`` that ``make demo`` installs."""
 DEMO_EXTRAS, BUILDER = ("hdf5", "tdms", "uff", "mqtt"), ("editables", "hatchling")
@@ -41,27 +43,29 @@ def declared(extras: Iterable[str] = EXTRAS) -> list[Requirement]:
     return [Requirement(item) for item in [*project["dependencies"], *more]]
 
 
-def closure(requirements: Iterable[Requirement]) -> Iterator[str]:
-    """Yield the normalised names of all packages that requirements lead to, each once, on this platform.
+def closure(requirements: Iterable[Requirement]) -> dict[str, set[str]]:
+    """Return all packages that requirements lead to on this platform, and what each of them asks for: normalised names.
 
     Raises:
         PackageNotFoundError: one of them is not installed here.
     """
     seen: set[tuple[str, str]] = set()
-    waiting = [(item, "") for item in requirements]
-    names: set[str] = set()
+    waiting = [(item, "", "") for item in requirements]
+    found: dict[str, set[str]] = {}
     while waiting:
-        item, extra = waiting.pop()
+        item, extra, asker = waiting.pop()
         if item.marker is not None and not item.marker.evaluate({"extra": extra}):
             continue
         name = canonicalize_name(item.name)
-        if name not in names:
-            names.add(name)
-            yield name
+        found.setdefault(name, set())
+        # An extra of a package may name the package itself, with other extras.
+        if asker not in ("", name):
+            found[asker].add(name)
         for wanted in ("", *item.extras):
             if (name, wanted) not in seen:
                 seen.add((name, wanted))
-                waiting += [(Requirement(text), wanted) for text in importlib.metadata.requires(name) or ()]
+                waiting += [(Requirement(text), wanted, name) for text in importlib.metadata.requires(name) or ()]
+    return found
 
 
 def demo_packages() -> list[str]:
@@ -73,8 +77,9 @@ def main() -> None:
     """Write the files."""
     entries = locked(LOCK)
     DEMO.write_text("".join(f"{name}\n" for name in demo_packages()), encoding="utf-8")
-    for path, extras in LOCKS.items():
-        names = sorted(closure(declared(extras)))
+    wanted = {path: declared(extras) for path, extras in LOCKS.items()}
+    for path, requirements in {**wanted, BUILD_LOCK: [*map(Requirement, BUILDERS)]}.items():
+        names = sorted(closure(requirements))
         path.write_text("".join(f"{entries[name]}\n" for name in names), encoding="utf-8")
 
 

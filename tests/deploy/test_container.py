@@ -9,6 +9,10 @@ import re
 import tomllib
 from pathlib import Path
 
+from packaging.requirements import Requirement
+
+from deploy.runtime_lock import BUILD_LOCK, BUILDERS, closure, locked
+from deploy.runtime_lock import LOCK as LOCK_FILE
 from tests.support.commands import run_command
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,10 +36,53 @@ def test_it_copies_all_that_the_wheel_is_built_of() -> None:
     assert LOCK == "deploy/requirements.lock"
 
 
-def test_it_needs_no_more_than_the_locked_packages() -> None:
-    assert "--require-hashes --requirement /tmp/requirements.lock" in TEXT
-    assert "--no-deps /wheels/*.whl" in TEXT
+def unhashed(text: str) -> list[str]:
+    """Return the calls that install or fetch something that no hash names; a wheel of the build itself needs none."""
+    commands = [
+        part for line in re.findall(r"^(?:RUN|ADD) .*$", text, re.MULTILINE) for part in re.split(r"&&|;", line)
+    ]
+    fetching = [part for part in commands if re.search(r"\b(install|download|ADD|curl|wget|add-apt|apt-get)\b", part)]
+    locked = re.compile(
+        r"pip install .*--only-binary :all: --require-hashes --requirement /tmp/(build_)?requirements\.lock *$"
+    )
+    own = re.compile(r"pip install .*--no-deps /wheels/\*\.whl *$")
+    return [part.strip() for part in fetching if not locked.search(part) and not own.search(part)]
+
+
+def test_all_that_it_installs_is_named_by_a_hash() -> None:
+    assert unhashed(TEXT) == []
+    assert unhashed('RUN python -m pip install "hatchling>=1.27" && true') == [
+        'RUN python -m pip install "hatchling>=1.27"'
+    ]
+    assert unhashed("RUN pip install --require-hashes --requirement /tmp/requirements.lock flask") != []
+    assert unhashed("RUN pip install --require-hashes --requirement /tmp/requirements.lock") != []
+    assert unhashed("ADD https://example.com/x /x") != []
+    # Each lock file comes from the folder, and each of its packages has a hash.
+    files = re.findall(r"--requirement (\S+)", TEXT)
+    assert len(files) == 2
+    sources = {place: source for line in instructions("COPY") for source, place in [line.split()[-2:]]}
+    for file in files:
+        entries = locked(ROOT / sources[file])
+        assert entries
+        assert all("==" in entry and "--hash=sha256:" in entry for entry in entries.values())
     assert instructions("USER") == ["spallwatch"]
+
+
+def test_what_builds_the_wheel_is_that_of_the_lock_file() -> None:
+    entries, all_entries = locked(BUILD_LOCK), locked(LOCK_FILE)
+    assert set(entries) == set(closure(map(Requirement, BUILDERS))), "python -m deploy.runtime_lock writes it anew"
+    assert entries.items() <= all_entries.items()
+    asked = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["build-system"]["requires"]
+    assert {Requirement(item).name for item in asked} <= set(entries)
+
+
+def test_its_base_is_named_by_a_digest_alone() -> None:
+    stages = re.findall(r"^FROM (\S+)", TEXT, re.MULTILINE)
+    assert set(stages) == {"docker.io/library/python@${BASE_DIGEST}"}
+    assert len(stages) == 2
+    # Without a value "python@" is no name of an image: no build goes by a tag.
+    assert instructions("ARG")[0] == "BASE_DIGEST"
+    assert TEXT.index("ARG BASE_DIGEST") < TEXT.index("FROM ")
 
 
 def test_its_commands_are_those_of_the_program() -> None:
