@@ -9,7 +9,7 @@ REWRITE = env -u PYTHONDONTWRITEBYTECODE $(BIN)/python -m pytest --collect-only 
 READY := $(VENV)/.ready
 DEMO_READY := $(VENV)/.demo-ready
 
-.PHONY: help setup demo test without-posix coverage check site bench lock clean install-service uninstall-service
+.PHONY: help setup demo test without-posix coverage check site bench lock sbom advisories clean install-service uninstall-service
 
 help:
 	@echo "make demo   a simulated bearing wears out and is monitored; the report is in demo-out/report.html"
@@ -20,6 +20,8 @@ help:
 	@echo "make check  lint, types and import rules"
 	@echo "make site   the documentation as pages in build/site; a wrong link is an error"
 	@echo "make bench  the benchmarks, short form"
+	@echo "make sbom   the bill of materials of all locked packages in build/sbom.json (CycloneDX)"
+	@echo "make advisories FILE=LIST  compare the locked versions with known advisories (OSV, pip-audit) that are at hand"
 	@echo "make install-service    as root: a service for each configuration and the page, under systemd (docs/how-to/deployment.md)"
 	@echo "make uninstall-service  takes it away; configurations, state and records stay"
 	@echo "make clean  remove the virtual environment and what demo and tests left"
@@ -75,6 +77,12 @@ lock:
 	uv pip compile pyproject.toml --all-extras --group dev --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-annotate --quiet --output-file requirements.lock
 	$(MAKE) setup
 	$(BIN)/python -m deploy.runtime_lock
+
+sbom: $(READY)
+	@$(BIN)/python -m deploy.sbom
+
+advisories: $(READY)
+	@$(BIN)/python -m deploy.advisories '$(FILE)'
 
 # Places of the service; DESTDIR=FOLDER puts all of it below a folder, for a package or a trial without root.
 PREFIX ?= /opt/spallwatch
