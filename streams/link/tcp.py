@@ -82,9 +82,10 @@ class TcpReceiver(Receiver):
         for weakness in self._load_keys():
             _LOG.warning("%s", weakness)
         self._listener = self._bound(listen=True)
-        if not _is_loopback(self._listener.getsockname()[0]):
-            for name in self._keyless:
-                _LOG.warning("source %s: machines among peers may send without a key; see stream_key_file", name)
+        near = _is_loopback(self._listener.getsockname()[0])
+        for name in self._keyless:
+            who = "every user of this computer" if near else "machines among peers"
+            _LOG.warning("source %s: %s may send without a key; see stream_key_file", name, who)
         self._wake_in, self._wake_out = socket.socketpair()
         self._wake_in.setblocking(False)
         self._wake_out.setblocking(False)

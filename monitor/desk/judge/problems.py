@@ -114,7 +114,7 @@ def _rig_claims(subject: JudgedConfig) -> Iterator[Doubt]:
 
 
 def _access(subject: JudgedConfig, at: int, source: SourceSection) -> Iterator[Doubt]:
-    """Yield why other machines could send without proof, or no machine at all."""
+    """Yield who could send without proof, or why no machine can at all."""
     from streams.link.peer import key_weakness, read_key, receiver_context
     from streams.types.spec import SourceError, parse_address
 
@@ -136,12 +136,13 @@ def _access(subject: JudgedConfig, at: int, source: SourceSection) -> Iterator[D
             "access", "problem", ("source", at, "url"), "an address and files that can be used", str(error)
         )
         return
-    if is_loopback(address.host):
-        return
+    near = is_loopback(address.host)
     if address.scheme == "tcp" and source.stream_key_file is None:
         whose = "machines among peers may send" if source.peers else "other machines could send, so run refuses it,"
-        came = f"{whose} without a key; give stream_key_file"
-        yield subject.doubt("access", "warning" if source.peers else "problem", place, "a key", came)
+        came = f"{'every user of this computer may send' if near else whose} without a key; give stream_key_file"
+        yield subject.doubt("access", "warning" if near or source.peers else "problem", place, "a key", came)
+    if near:
+        return
     if address.scheme == "mqtt" and source.username_file is None and source.cert_file is None:
         came = "nothing proves to the broker who publishes or reads; give username_file or cert_file"
         yield subject.doubt("access", "warning", ("source", at, "username_file"), "a proof of identity", came)

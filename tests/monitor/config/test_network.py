@@ -54,7 +54,9 @@ def test_check_says_who_may_send_without_proof(tmp_path: Path) -> None:
     key.chmod(0o600)
     weak.write_text("short", encoding="utf-8")
     everywhere = {"url": "tcp://0.0.0.0:5777"}
-    assert problems(url="tcp://127.0.0.1:5777") == ""
+    local = {"url": "tcp://127.0.0.1:5777"}
+    assert "every user of this computer may send without a key" in problems(**local)
+    assert problems(**local, stream_key_file=str(key)) == ""
     assert problems(**everywhere, stream_key_file=str(key)) == ""
     assert "run refuses it, without a key" in problems(**everywhere)
     assert "machines among peers may send without a key" in problems(**everywhere, peers=["10.1.0.0/16"])

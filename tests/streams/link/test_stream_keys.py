@@ -145,7 +145,15 @@ def test_other_machines_need_a_key_or_their_address(key_file: Path, caplog: pyte
         assert caplog.records == []
         with TcpReceiver([spec], NetworkSpec(peers=("192.168.7.0/24",))) as receiver:
             receiver.open(MemoryLedger())
-    assert "machines among peers may send without a key" in caplog.text
+        assert "machines among peers may send without a key" in caplog.text
+        caplog.clear()
+        with TcpReceiver([SourceSpec("press", URL)]) as receiver:
+            receiver.open(MemoryLedger())
+        assert "source press: every user of this computer may send without a key" in caplog.text
+        caplog.clear()
+        with TcpReceiver([SourceSpec("press", URL)], NetworkSpec(stream_key_file=key_file)) as receiver:
+            receiver.open(MemoryLedger())
+        assert caplog.records == []
 
 
 def test_a_key_comes_from_a_file_and_a_weak_one_is_said(
