@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -26,6 +28,30 @@ def wheel(tmp_path_factory) -> zipfile.ZipFile:
         capture_output=True,
     )
     return zipfile.ZipFile(next(out.glob("spallwatch-*.whl")))
+
+
+def test_two_builds_of_a_wheel_are_equal(wheel, tmp_path):
+    """Of another clone: another folder and umask, files of other times and permissions."""
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True)
+    for name in filter(None, listed.stdout.split("\0")):
+        if (ROOT / name).is_file() and not name.startswith(("tests/", "docs/", "benchmarks/", "reference/")):
+            place = tmp_path / "clone" / name
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, place)
+            place.chmod(0o640)
+            os.utime(place, (1.2e9, 1.2e9))
+    environment = {**os.environ, "SOURCE_DATE_EPOCH": "1700000000", "TZ": "Asia/Tokyo"}
+    built = []
+    for source, mask in ((ROOT, 0o022), (tmp_path / "clone", 0o077)):
+        out = tmp_path / f"{mask:o}"
+        command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out), str(source)]
+        subprocess.run(command, check=True, capture_output=True, env=environment, umask=mask)
+        built.append(next(out.glob("*.whl")).read_bytes())
+    assert built[0] == built[1]
+    # Without a given time it is always the same one, too.
+    assert wheel.filename is not None
+    dates = {info.date_time for info in wheel.infolist()}
+    assert dates == {(2020, 2, 2, 0, 0, 0)}
 
 
 def test_the_wheel_holds_exactly_our_packages(wheel):
