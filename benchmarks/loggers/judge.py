@@ -146,7 +146,7 @@ def _level(truth: LoggerTruth, file: TrueFile, block: BlockRead, came: Came, fou
             continue
         channel, expected, came_rms = truth.channels[position], file.rms[position], block.rms[name]
         unknown = str(came.channels[0].get("unit")) in ("unknown", "")
-        velocity = file.velocity[position]
+        velocity = file.velocity[position] if file.velocity else None
         near = abs(came_rms / expected - 1.0) <= (TOLERANCE if velocity is None else _OF_DERIVATIVE)
         near = near or (velocity is not None and abs(came_rms / velocity - 1.0) <= TOLERANCE)
         if near or unknown or (file.lost and block.flags - _NO_LOSS):
