@@ -14,7 +14,7 @@ from streams.types.spec import SourceError, SourceSpec, parse_address, refuse_cr
 if TYPE_CHECKING:
     from streams.files.container import Files
     from streams.folder.source import FolderSource
-    from streams.link.arrivals import Receiver
+    from streams.link.receiver import Receiver
     from streams.recording.state import ReadingState
 
 

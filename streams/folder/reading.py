@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from models.platform.supervision import OwnedThread, Restarts
 from models.words.errors import SpallwatchError
 from streams.files.container import content_hash, read_guarded, refuse_special
 from streams.files.datasets import FileFacts
@@ -23,6 +24,9 @@ from streams.types.limits import LARGE_BYTES, ChildLimits
 from streams.types.listing import Stat, stat_file
 from streams.types.samples import ReaderError, Samples
 from streams.types.source import ACCEPTED, HEAD_BYTES, PENDING, FileProgress
+
+_LONG_S = 60.0
+"""Time after which a file that is being read is a problem."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +134,13 @@ class FileTask:
 class Background:
     """A thread and a child process that read for one source, so that it does not delay the others.
 
-    Both are started with the first task; after :meth:`close` it cannot be used again.
+    Both are started with the first task; after :meth:`close` it cannot be used again. A parser is ended where it takes
+    too long, and a system call that hangs, as those of an unreachable share, is waited for.
     """
 
-    def __init__(self, wake: Callable[[], None], note: Callable[[tuple[str, ...]], None]) -> None:
+    def __init__(
+        self, wake: Callable[[], None], note: Callable[[tuple[str, ...]], None], name: str = "reading"
+    ) -> None:
         """Take what is called in the thread: ``wake`` after a task that is waited for, ``note`` with its files.
 
         The latter is called where a parser takes long or a file is large, and with no files after such a task.
@@ -141,7 +148,9 @@ class Background:
         self._wake, self._note = wake, note
         self._tasks: queue.SimpleQueue[FileTask | None] = queue.SimpleQueue()
         self._process: ReaderProcess | None = None
-        self._thread: threading.Thread | None = None
+        self.restarts = Restarts(name)
+        self._thread: OwnedThread | None = None
+        self._began: float | None = None
         self._keys: tuple[str, ...] = ()
         self.last_s = 0.0
         """Duration of the last task."""
@@ -150,15 +159,30 @@ class Background:
     def start(self, work: Callable[[], Any], keys: tuple[str, ...], size: int) -> FileTask:
         """Begin a task on files of ``size`` bytes; readers that it calls run in the child."""
         if self._thread is None:
-            self._process = ReaderProcess(ChildLimits(), self._slow)
-            self._thread = threading.Thread(target=self._run, args=(self._process,), name="reading", daemon=True)
+            process = self._process = ReaderProcess(ChildLimits(), self._slow)
+            self._thread = OwnedThread(self.restarts, lambda: self._run(process), thread="reading")
             self._thread.start()
         task = FileTask(Future(), work, keys, size, threading.Event())
         self._tasks.put(task)
         return task
 
+    def tend(self) -> None:
+        """Start the thread again where it has ended."""
+        if self._thread is not None:
+            self._thread.tend()
+
+    def problem(self) -> str | None:
+        """Return that the thread stays down, or which file takes long, or None."""
+        began = self._began
+        long = None if began is None else time.monotonic() - began
+        if long is not None and long > _LONG_S:
+            return f"{', '.join(self._keys)}: has been read for {long:.0f} s"
+        return self.restarts.problem()
+
     def close(self) -> None:
         """Abandon what is under way; the thread ends by itself."""
+        if self._thread is not None:
+            self._thread.end()
         self._tasks.put(None)
         if self._process is not None:
             self._process.close()
@@ -179,9 +203,10 @@ class Background:
 
     def _execute(self, task: FileTask) -> None:
         self._keys, began = task.keys, time.monotonic()
-        if task.size >= LARGE_BYTES:
-            self._slow()
+        self._began = began
         try:
+            if task.size >= LARGE_BYTES:
+                self._slow()
             result = task.work()
             # Before the result, by which the source goes on.
             self.last_s = time.monotonic() - began
@@ -192,6 +217,9 @@ class Background:
         except BaseException as error:
             self.last_s = time.monotonic() - began
             task.future.set_exception(error)
+        finally:
+            self._began = None
         if self._noted:
+            # Where it fails, the thread is started again, and the note is replaced by the next.
             self._noted = False
             self._note(())

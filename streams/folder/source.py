@@ -12,6 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+from models.platform.supervision import Restarts
 from streams.dates.dater import Dater
 from streams.dates.dating import Dating, kept_dating
 from streams.files.container import Folder, check_readable
@@ -74,8 +75,8 @@ class FolderSource(LiveSource):
         self._intake: Intake | None = None
         self._recognition: FileTask | None = None
         self._wake = threading.Event()
-        self._background = Background(self._wake.set, self._note)
-        self._watch = FolderWatch(self._wake.set)
+        self._background = Background(self._wake.set, self._note, f"the reader of {self.name}")
+        self._watch = FolderWatch(self._wake.set, f"the watch of {self.name}")
         self._identity: tuple[int, int] | None = None
         self._problem: str | None = None
         self._unknown: str | None = None
@@ -172,6 +173,18 @@ class FolderSource(LiveSource):
         waiting = self._register.queued if self._intake is None else self._intake.queued_blocks()
         return waiting + self._unscanned
 
+    def ready_blocks(self) -> int:
+        """Return how many blocks :meth:`next` gives at once."""
+        return 0 if self._intake is None else len(self._intake.ready)
+
+    def tend(self) -> None:
+        """Start the background again where its thread has ended."""
+        self._background.tend()
+
+    def restarts(self) -> tuple[Restarts, ...]:
+        """Return what is known of the failures of its threads."""
+        return self._background.restarts, self._watch.restarts
+
     def backlog(self) -> Backlog:
         """Return the counts of files."""
         return self._register.backlog(self._clock.monotonic())
@@ -186,13 +199,14 @@ class FolderSource(LiveSource):
     def problem(self) -> str | None:
         """Return why the folder gives nothing, or that events were lost, or None."""
         waits = None if self._intake is None else self._intake.waits
-        return self._problem or self._unknown or waits or self._lost_events(self._clock.monotonic())
+        background = self._background.problem() or self._watch.restarts.problem()
+        return self._problem or self._unknown or waits or background or self._lost_events(self._clock.monotonic())
 
     def close(self) -> None:
         """Stop watching; unacknowledged files are delivered again."""
         self._watch.stop()
         self._background.close()
-        self._background = Background(self._wake.set, self._note)
+        self._background = Background(self._wake.set, self._note, f"the reader of {self.name}")
         self._intake = self._recognition = self._scanning = None
         self._identity, self._unscanned = None, 0
 
@@ -234,7 +248,7 @@ class FolderSource(LiveSource):
         """Watch the folder where it is new, then compare it with the ledger; yield after each file."""
         try:
             status = self._root.stat()
-            if (status.st_dev, status.st_ino) != self._identity or not self._watch.alive():
+            if self._watch.tend() or (status.st_dev, status.st_ino) != self._identity:
                 if self._identity is not None:
                     _LOG.warning(
                         "source %s: %s was replaced or sends no more events; watched again", self.name, self._root

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from models.platform.supervision import Restarts
 from streams.types.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 _LOG = logging.getLogger(__name__)
@@ -23,12 +24,14 @@ _OVERFLOW_MASK = 0x00000008 | 0x00000080 | 0x00000100 | 0x02000000 | 0x20000000
 class FolderWatch:
     """Watches a folder and all below it; a network share has no events."""
 
-    def __init__(self, wake: Callable[[], None]) -> None:
-        """Take the function to call, from another thread, on every event."""
+    def __init__(self, wake: Callable[[], None], name: str = "the watch of a folder") -> None:
+        """Take the function to call, from another thread, on every event; ``name`` is that of its failures."""
         self._wake = wake
+        self.restarts = Restarts(name)
         self._lock = threading.Lock()
         self._finished: set[str] = set()
         self._observer: Any = None
+        self._failed = False
         self._root = ""
         self.overflows = 0
         """How often the kernel dropped events."""
@@ -55,8 +58,11 @@ class FolderWatch:
             _LOG.warning("%s cannot be watched (%s): found by scanning only", root, error)
             with contextlib.suppress(RuntimeError):
                 observer.stop()
+            if self._failed:
+                self.restarts.failed(str(error))
             return
-        self._observer = observer
+        self._observer, self._failed = observer, False
+        self.restarts.started()
         _Overflow(self.note_overflow).listen(observer, self._root)
 
     @property
@@ -70,6 +76,17 @@ class FolderWatch:
         return observer is None or (
             observer.is_alive() and bool(observer.emitters) and all(emitter.is_alive() for emitter in observer.emitters)
         )
+
+    def tend(self) -> bool:
+        """Return whether to start it again now: it has failed. Meanwhile, and while it stays down, scans find all."""
+        if self.alive():
+            if self._observer is not None:
+                self.restarts.runs()
+            return self._failed and self.restarts.due
+        self.restarts.failed("its threads ended")
+        self.stop()
+        self._failed = True
+        return self.restarts.due
 
     def finished(self) -> set[str]:
         """Return the paths of files closed or moved in since the last call."""

@@ -7,20 +7,23 @@ keeps its blocks until it reads their number there. docs/reference/wire.md has t
 from __future__ import annotations
 
 import contextlib
+import logging
 import re
 import ssl
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from streams.link.arrivals import Receiver, Ticket
+from streams.link.arrivals import Ticket
+from streams.link.receiver import Receiver
 from streams.link.refusals import JUMP, LINK
 from streams.link.sender import LinkError
 from streams.link.wire import ACK, JumpError, WireError
 from streams.types.spec import Address, NetworkSpec, SourceError, SourceSpec
 
+_LOG = logging.getLogger(__name__)
 COMMITTED = "/committed"
 """Suffix of the topic with the number committed last."""
 _KEEPALIVE_S = 30
@@ -53,10 +56,11 @@ class MqttReceiver(Receiver):
         if len(self._arrivals.streams) != len(specs):
             raise SourceError(f"{self._where}: several sources have the same topic")
         # The broker keeps the session under this id over restarts.
-        client_id = self._network.client_id or "spallwatch-" + re.sub(r"[^A-Za-z0-9_.-]", "-", self.name)
-        self._client = make_client(self._address, self._network, client_id, self._where)
+        self._client_id = self._network.client_id or "spallwatch-" + re.sub(r"[^A-Za-z0-9_.-]", "-", self.name)
+        self._client = make_client(self._address, self._network, self._client_id, self._where)
         self._connection = 0
-        self._connected = False
+        self._connected = self._failed = False
+        self._cause: str | None = None
         self._problem = f"{self.name}: not connected to the broker yet"
 
     def _start(self) -> None:
@@ -69,7 +73,40 @@ class MqttReceiver(Receiver):
         client.on_message = self._on_message
         client.reconnect_delay_set(min_delay=1, max_delay=10)
         client.connect_async(self._address.host, self._address.port, _KEEPALIVE_S)
-        client.loop_start()
+        start_client(client, self._set_cause)
+        self._restarts.started()
+
+    def _set_cause(self, cause: str) -> None:
+        self._cause = cause
+
+    def tend(self) -> None:
+        """Connect with a new client where the thread of paho has ended; the broker keeps what is not acknowledged."""
+        if not self._opened:
+            return
+        thread = self._client._thread
+        if thread is not None and thread.is_alive():
+            self._restarts.runs()
+            return
+        if not self._failed:
+            self._failed = True
+            with self._lock:
+                self._connected = False
+            end_client(self._client)
+            self._restarts.failed(self._cause or "the thread of the connection ended")
+        if not self._restarts.due:
+            return
+        try:
+            self._client = make_client(self._address, self._network, self._client_id, self._where)
+            self._start()
+            self._failed = False
+        except (SourceError, RuntimeError) as error:
+            self._restarts.failed(str(error))
+
+    def problem(self) -> str | None:
+        """Return why nothing is received, or why the last message was refused."""
+        if self._failed:
+            return self._restarts.problem() or f"{self.name}: the receiver has stopped: {self._restarts.cause}"
+        return super().problem()
 
     def _on_connect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
         if reason.is_failure:
@@ -110,6 +147,9 @@ class MqttReceiver(Receiver):
             self._acknowledge(self._arrivals.spent(topic))
         except WireError as error:
             self._refused(f"{topic}: {error}", JUMP if isinstance(error, JumpError) else LINK, topic)
+            client.ack(message.mid, message.qos)
+        except Exception as error:  # A fault of one message must not end the connection; its sender repeats it.
+            self._fault(f"a message under {topic!a} cannot be taken", error)
             client.ack(message.mid, message.qos)
 
     def _confirm(self, ticket: Ticket) -> None:
@@ -172,6 +212,22 @@ def _secret(path: Path, where: str) -> str:
     if not line:
         raise SourceError(f"{where}: the first line of {path} is empty")
     return line
+
+
+def start_client(client: Any, ended: Callable[[str], None]) -> None:
+    """Start the thread of a paho client; ``ended`` is called in it with the cause where an exception ends it."""
+
+    def work() -> None:
+        try:
+            client.loop_forever(retry_first_connection=True)
+        except Exception as error:  # paho would leave the client as if it were connected.
+            _LOG.exception("the connection to a broker ended")
+            ended(f"{type(error).__name__}: {error}")
+        finally:
+            client._thread = None
+
+    client._thread_main = work
+    client.loop_start()
 
 
 def end_client(client: Any) -> None:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import contextlib
-import ipaddress
 import logging
 import secrets
 import selectors
 import socket
 import ssl
-import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
-from streams.link.arrivals import Receiver, Ticket
+from models.platform.supervision import OwnedThread
+from streams.link.arrivals import Ticket
+from streams.link.listening import Place, Waker, bound, is_loopback, place_of
 from streams.link.peer import NONCE_BYTES, ClosedError, Peer, Phase, is_proof, key_weakness, read_key, receiver_context
+from streams.link.receiver import Receiver
 from streams.link.refusals import JUMP, KEY, LINK
 from streams.link.wire import ACK, PROVEN, JumpError, WireError, hello_stream, hello_version, refusal
 from streams.types.spec import NetworkSpec, SourceError, SourceSpec
@@ -26,7 +28,6 @@ _FIRST_PROBE_S, _PROBES = 30, 4
 """Silence after which the kernel probes a sender, and number of probes."""
 _MAX_OUT_BYTES = 1 << 16
 """Answers that a sender may leave unread."""
-_BACKLOG = 128
 _LINGER_S = 1.0
 """Time for a refused sender to read the reason."""
 
@@ -54,9 +55,8 @@ class TcpReceiver(Receiver):
         self._tls: ssl.SSLContext | None = None
         self._selector: selectors.BaseSelector | None = None
         self._listener: socket.socket | None = None
-        self._thread: threading.Thread | None = None
-        self._wake_in: socket.socket | None = None
-        self._wake_out: socket.socket | None = None
+        self._thread = OwnedThread(self._restarts, self._serve, self._listen, turns=True, thread=f"tcp-{self.name}")
+        self._waker: Waker | None = None
         self._peers: set[Peer] = set()
         self._current: dict[str, Peer] = {}
         self._unconfirmed: set[str] = set()
@@ -75,25 +75,27 @@ class TcpReceiver(Receiver):
             self._place()
         else:
             # Bound, but not listening: no sender is answered.
-            self._bound(listen=False).close()
+            bound(self._address, self._place(), self._where, listen=False).close()
 
     def _start(self) -> None:
         """Listen; SourceError where that fails, a file cannot be used, or any machine could send without a key."""
         for weakness in self._load_keys():
             _LOG.warning("%s", weakness)
-        self._listener = self._bound(listen=True)
-        near = _is_loopback(self._listener.getsockname()[0])
+        self._thread.start()
+        near = is_loopback(self._place()[1][0])
         for name in self._keyless:
             who = "every user of this computer" if near else "machines among peers"
             _LOG.warning("source %s: %s may send without a key; see stream_key_file", name, who)
-        self._wake_in, self._wake_out = socket.socketpair()
-        self._wake_in.setblocking(False)
-        self._wake_out.setblocking(False)
+
+    def _listen(self) -> None:
+        """Make what the thread uses: the listening socket, the pair by which it is woken, the selector."""
+        self._close_sockets()
+        self._listener = bound(self._address, self._place(), self._where, listen=True)
+        # Made again, it has the same port.
+        self._address = replace(self._address, port=self._listener.getsockname()[1])
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
-        self._selector.register(self._wake_in, selectors.EVENT_READ)
-        self._thread = threading.Thread(target=self._serve, name=f"tcp-{self.name}", daemon=True)
-        self._thread.start()
+        self._waker = Waker(self._selector)
 
     def _load_keys(self) -> list[str]:
         """Read keys and certificate; return what weakens a key, one sentence each."""
@@ -110,39 +112,15 @@ class TcpReceiver(Receiver):
             self._tls = receiver_context(cert_file, key_file, f"[[source]] {self.name}")
         return weaknesses
 
-    def _bound(self, *, listen: bool) -> socket.socket:
-        """Return a socket that is bound to the address, and listens where it shall."""
-        family, place = self._place()
-        bound = socket.socket(family, socket.SOCK_STREAM)
-        try:
-            bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            if family == socket.AF_INET6:
-                bound.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-            bound.bind(place)
-            if listen:
-                bound.listen(_BACKLOG)
-        except OSError as error:
-            bound.close()
-            raise self._unusable(error) from None
-        bound.setblocking(False)
-        return bound
-
-    def _place(self) -> tuple[socket.AddressFamily, tuple[str, int]]:
+    def _place(self) -> Place:
         """Return family and numerical address; SourceError where any machine could send without a key."""
-        host = self._address.host
-        try:
-            family, _, _, _, place = socket.getaddrinfo(host, self._address.port, type=socket.SOCK_STREAM)[0]
-        except OSError as error:
-            raise self._unusable(error) from None
-        if not _is_loopback(str(place[0])) and self._keyless and not self._network.peers:
+        place = place_of(self._address, self._where)
+        if not is_loopback(place[1][0]) and self._keyless and not self._network.peers:
             raise SourceError(
-                f"{self._where}: {host} can be reached by other machines; give stream_key_file, or say which may send "
-                "with peers = [...]"
+                f"{self._where}: {self._address.host} can be reached by other machines; give stream_key_file, or say "
+                "which may send with peers = [...]"
             )
-        return family, (str(place[0]), int(place[1]))
-
-    def _unusable(self, error: OSError) -> SourceError:
-        return SourceError(f"{self._where}: {self._address.host}:{self._address.port} cannot be listened to: {error}")
+        return place
 
     def _confirm(self, ticket: Ticket) -> None:
         with self._lock:
@@ -151,40 +129,43 @@ class TcpReceiver(Receiver):
 
     def problem(self) -> str | None:
         """Return that the backlog is full, or why the last of no connections ended."""
-        if self._thread is not None and not self._thread.is_alive():
-            return f"{self.name}: the receiver has stopped"
+        if self._opened and not self._thread.alive:
+            return self._restarts.problem() or f"{self.name}: the receiver has stopped: {self._restarts.cause}"
         if self._paused:
             return f"{self.name}: blocks come faster than they are committed"
         return None if self._current else self._problem
 
     def _stop(self) -> None:
         self._stopped = True
+        self._thread.end()
         self._wake()
-        if self._thread is not None:
-            self._thread.join(timeout=5.0)
-            self._thread = None
+        self._thread.join(5.0)
+
+    def tend(self) -> None:
+        """Listen again where the thread has ended; see :class:`streams.types.source.LiveSource`."""
+        if self._opened:
+            self._thread.tend()
 
     def _wake(self) -> None:
-        if self._wake_out is not None:
-            # A full pipe wakes the thread as well; a closed one has no thread.
-            with contextlib.suppress(OSError):
-                self._wake_out.send(b"\0")
+        waker = self._waker
+        if waker is not None:
+            waker.wake()
 
     def _serve(self) -> None:
         """Read, answer and enforce deadlines until closed; only here are sockets used."""
-        selector, listener, wake = self._selector, self._listener, self._wake_in
-        if selector is None or listener is None or wake is None:
+        selector, listener, waker = self._selector, self._listener, self._waker
+        if selector is None or listener is None or waker is None:
             return
         try:
             while not self._stopped:
+                self._thread.turn()
                 buffered = [peer for peer in self._peers if peer.buffered and not self._is_held(peer)]
                 for key, mask in selector.select(0.0 if buffered else _TICK):
                     if key.fileobj is listener:
                         self._accept(listener, selector)
-                    elif key.fileobj is wake:
-                        with contextlib.suppress(BlockingIOError):
-                            wake.recv(4096)
-                    else:
+                    elif key.fileobj is waker.theirs:
+                        waker.empty()
+                    elif isinstance(key.data, Peer):
                         self._handle(key.data, mask)
                 for peer in buffered:
                     self._handle(peer, selectors.EVENT_READ)
@@ -195,10 +176,13 @@ class TcpReceiver(Receiver):
         finally:
             for peer in list(self._peers):
                 self._drop(peer, None)
-            selector.close()
-            for used in (listener, wake, self._wake_out):
-                if used is not None:
-                    used.close()
+            self._close_sockets()
+
+    def _close_sockets(self) -> None:
+        for used in (self._waker, self._selector, self._listener):
+            if used is not None:
+                used.close()
+        self._selector = self._listener = self._waker = None
 
     def _accept(self, listener: socket.socket, selector: selectors.BaseSelector) -> None:
         try:
@@ -287,6 +271,9 @@ class TcpReceiver(Receiver):
             self._drop(peer, f"connection lost: {error}")
         except WireError as error:
             self._refuse(peer, error)
+        except Exception as error:  # A fault of one sender must not end the others.
+            self._fault(f"{peer.name} cannot be served", error)
+            self._drop(peer, None)
         if blocked != peer.blocked:
             peer.blocked = blocked
             self._watch(peer)
@@ -392,8 +379,3 @@ class TcpReceiver(Receiver):
             with contextlib.suppress(KeyError, ValueError):
                 self._selector.unregister(peer.socket)
         peer.socket.close()
-
-
-def _is_loopback(address: str) -> bool:
-    """Return whether a numerical address is of this machine alone."""
-    return ipaddress.ip_address(address.partition("%")[0]).is_loopback

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, runtime_checkable
 
+from models.platform.supervision import Restarts
 from streams.types.block import Block, Rejected
 from streams.types.listing import Stat
 
@@ -260,6 +261,21 @@ class LiveSource(Protocol):
     def queued_blocks(self) -> float | None:
         """Return about how many blocks wait to be delivered; None where there are more than the source knows of."""
         ...
+
+    def ready_blocks(self) -> int:
+        """Return how many deliveries :meth:`next` gives at once, those that are delivered and not committed apart."""
+        return 0
+
+    def tend(self) -> None:
+        """Start again what has ended; called every second or so from the thread that commits.
+
+        Raises:
+            LostThreadError: a thread hangs that cannot be replaced.
+        """
+
+    def restarts(self) -> tuple[Restarts, ...]:
+        """Return what is known of the failures of its threads."""
+        return ()
 
     def assumes_interval(self) -> bool:
         """Return whether nothing states the interval of its blocks: they are counted by the length of a file."""

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from models.platform.supervision import Restarts
 from streams.folder.source import FolderClock, FolderSource
 from streams.types.block import Block, Rejected
 from streams.types.spec import ChannelSpec, SourceSpec
@@ -46,13 +47,14 @@ class DeafWatch:
         self.closed: set[str] = set()
         self.dead = False
         self.overflows = 0
+        self.restarts = Restarts("the watch of s")
 
     def start(self, root: Path) -> None:
         self.starts.append(root)
         self.dead = False
 
-    def alive(self) -> bool:
-        return not self.dead
+    def tend(self) -> bool:
+        return self.dead
 
     def finished(self) -> set[str]:
         found, self.closed = self.closed, set()
