@@ -304,6 +304,11 @@ class Pipeline:
             self._store_error = None
             return True
 
+    @property
+    def store_fails(self) -> bool:
+        """Whether the latest attempt to use the store failed."""
+        return self._store_error is not None
+
     def problems(self) -> dict[str, str]:
         """Return why the latest block of a source could not be analysed, and under "store" why none is committed."""
         return self._analysis_errors | ({"store": self._store_error} if self._store_error is not None else {})

@@ -59,7 +59,12 @@ class Restarts:
     @property
     def due(self) -> bool:
         """Whether it may be started now."""
-        return self._monotonic() >= self._due
+        return self.wait_s <= 0.0
+
+    @property
+    def wait_s(self) -> float:
+        """Seconds until it may be started, 0 or less where that is now."""
+        return self._due - self._monotonic()
 
     def started(self) -> None:
         """Note a start."""
@@ -146,13 +151,14 @@ class OwnedThread:
         self._name = thread or restarts.name
         self._thread: threading.Thread | None = None
         self._cause: str | None = None
-        self._ended = False
+        self._begun = self._ended = False
         self._turned = self._seen = 0
         self._silent_s, self._looked = 0.0, time.monotonic()
 
     def start(self) -> None:
         """Start it the first time; raise what ``prepare`` raises. A thread that cannot be had is tried again."""
         self._prepare()
+        self._begun = True
         self._launch()
 
     def turn(self) -> None:
@@ -165,7 +171,7 @@ class OwnedThread:
         Raises:
             LostThreadError: it has not gone on for half a minute.
         """
-        if self._ended:
+        if self._ended or not self._begun:
             return
         thread = self._thread
         if thread is not None and thread.is_alive():
@@ -196,6 +202,13 @@ class OwnedThread:
     def alive(self) -> bool:
         """Whether the thread runs."""
         return self._thread is not None and self._thread.is_alive()
+
+    def problem(self) -> str | None:
+        """Return that it does not run though it should, or None."""
+        if self._ended or not self._begun or self.alive:
+            return self.restarts.problem()
+        cause = self._cause or self.restarts.cause
+        return self.restarts.problem() or f"{self.restarts.name} has ended and is started again: {cause}"
 
     def _launch(self) -> None:
         self._cause = None

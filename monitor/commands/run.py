@@ -6,18 +6,20 @@ import logging
 import signal
 import socket
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import click
 
+from models.platform.supervision import LostThreadError
 from monitor.commands import option
 from monitor.commands.common import read_config
 from monitor.config.fleet import load_fleet
 from monitor.health.alarms import FAILURE, NO_DATA
+from monitor.service.progress import unhealthy
 from monitor.service.system import present_status, set_up_log
 from monitor.words.advice import status_line
 from monitor.words.features import rule_words
@@ -25,12 +27,13 @@ from monitor.words.numbers import duration, times_first
 from monitor.words.statuses import STATES, bearing_words
 
 _COLUMNS = ("machine", "state", "daemon", "blocks", "last block", "alarms", "remark")
-_MAX_STATUS_AGE_S = 60.0
 _MAX_IGNORED = 10
+_MAX_ERRORS, _ERROR_PAUSE_S = 10, 0.1
 _SAID = {
     "never_ran": "has never run",
     "died": "is not running: it died",
     "stopped": "is not running: it was stopped",
+    "stalled": "is stalled",
 }
 
 
@@ -56,6 +59,7 @@ def _stop_on_signal() -> Iterator[threading.Event]:
     It is set by a thread: a handler of Python runs within the main thread, which may hold the lock of the event.
     """
     stop = threading.Event()
+    lost: list[OSError] = []
     theirs, ours = socket.socketpair()
     theirs.setblocking(False)
     chosen = (signal.SIGTERM, signal.SIGINT)
@@ -63,8 +67,11 @@ def _stop_on_signal() -> Iterator[threading.Event]:
     wakeup = signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
 
     def wait() -> None:
-        while (received := ours.recv(1)) and received[0] not in chosen:
-            pass
+        try:
+            while (received := _receive(ours)) and received[0] not in chosen:
+                pass
+        except OSError as error:
+            lost.append(error)
         stop.set()
 
     thread = threading.Thread(target=wait, name="signals", daemon=True)
@@ -78,6 +85,21 @@ def _stop_on_signal() -> Iterator[threading.Event]:
         theirs.close()
         thread.join()
         ours.close()
+    if lost:
+        # The service manager starts it again; without the thread, no signal would ever end it.
+        raise LostThreadError(f"the thread that waits for signals ended: {lost[0]}")
+
+
+def _receive(wakes: socket.socket) -> bytes:
+    """Return the next byte, through a few errors of the socket; the last of them is raised."""
+    for left in reversed(range(_MAX_ERRORS)):
+        try:
+            return wakes.recv(1)
+        except OSError:
+            if not left:
+                raise
+            time.sleep(_ERROR_PAUSE_S)
+    return b""
 
 
 @click.command("page")
@@ -107,17 +129,24 @@ def page(config_path: Path | None, port: int | None, quiet: bool) -> None:
 
 @click.command("status")
 @option.config
+@click.option("--check", is_flag=True, help="Exit code 1 where a daemon does not run, is stalled or cannot commit.")
 @option.output
-def status(config_path: Path | None) -> option.Result:
-    """Say what the daemon of this machine is doing now; exit code 0 also where none is running.
+def status(config_path: Path | None, check: bool) -> option.Result:
+    """Say what the daemon of this machine is doing now; without --check, exit code 0 also where none is running.
 
     Where FILE is a folder, all its machines are listed, the worst first.
     """
     if config_path is not None and config_path.is_dir():
-        return _fleet_status(config_path)
-    config = read_config(config_path)
-    status = {"machine": config.machine.name, **present_status(config)}
-    return status, _lines(status)
+        machines = _fleet(config_path)
+        found, lines = {"machines": machines}, _table([_row(status) for status in machines])
+    else:
+        config = read_config(config_path)
+        found = {"machine": config.machine.name, **present_status(config)}
+        machines, lines = [found], _lines(found)
+    if not check:
+        return found, lines
+    reasons = [f"{machine['machine']}: {reason}" for machine in machines for reason in unhealthy(machine)]
+    return {**found, "reasons": reasons}, (*lines, *(f"unhealthy, {reason}" for reason in reasons)), int(bool(reasons))
 
 
 @click.command("release")
@@ -201,13 +230,13 @@ def _words(state: str) -> str:
     return state.replace("_", " ")
 
 
-def _fleet_status(folder: Path) -> option.Result:
-    """Return the status of all machines of a folder, the worst first.
+def _fleet(folder: Path) -> list[dict[str, Any]]:
+    """Return the statuses of all machines of a folder, the worst first.
 
     Raises:
         ConfigError: the folder holds no usable set of configurations; all problems are named.
     """
-    machines = [
+    machines: list[dict[str, Any]] = [
         {
             "machine": machine.config.machine.name,
             "file": machine.path.name,
@@ -216,20 +245,20 @@ def _fleet_status(folder: Path) -> option.Result:
         for machine in load_fleet(folder).machines
     ]
     machines.sort(key=lambda status: (_rank(status), status["machine"]))
-    return {"machines": machines}, _table([_row(status) for status in machines])
+    return machines
 
 
 def present_state(status: Mapping[str, Any]) -> str:
     """Return the state of a machine from ``present_status``; without a running daemon it has no data."""
     state = str(status.get("state", NO_DATA))
-    if state in STATES and (status["running"] or state == FAILURE):
+    if state in STATES and (status["running"] is True or state == FAILURE):
         return state
     return NO_DATA
 
 
 def _rank(status: Mapping[str, Any]) -> tuple[int, bool, bool]:
     """Return the sort key: the worst state first, then machines without a daemon, then those with problems."""
-    return list(STATES).index(present_state(status)), bool(status["running"]), not status.get("problems")
+    return list(STATES).index(present_state(status)), status["running"] is True, not status.get("problems")
 
 
 def _row(status: Mapping[str, Any]) -> tuple[str, ...]:
@@ -252,10 +281,6 @@ def _remark(status: Mapping[str, Any]) -> str:
     state = status.get("state")
     if not status["running"]:
         return f"no daemon since {status['updated_utc']}" if "updated_utc" in status else "no daemon has run"
-    age = _age(status.get("updated_utc"))
-    # A full disk keeps the daemon from renewing its status.
-    if age is not None and age > _MAX_STATUS_AGE_S and "disk" not in status.get("problems", {}):
-        return f"the daemon has not renewed its status for {duration(age)}"
     problems = [f"{name}: {problem}" for name, problem in status.get("problems", {}).items()]
     reasons = problems or [
         f"{name}: {channel['reason']}"
@@ -264,16 +289,6 @@ def _remark(status: Mapping[str, Any]) -> str:
     ]
     more = f" (and {len(reasons) - 1} more)" if len(reasons) > 1 else ""
     return reasons[0] + more if reasons else ""
-
-
-def _age(when: str | None) -> float | None:
-    """Return the age of a time stamp of the status file, s."""
-    if when is None:
-        return None
-    try:
-        return (datetime.now(UTC) - datetime.fromisoformat(when)).total_seconds()
-    except (TypeError, ValueError):
-        return None
 
 
 def _table(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:

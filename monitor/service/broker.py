@@ -17,7 +17,7 @@ from models.words.errors import SpallwatchError
 from monitor.config.outputs import BrokerSection
 from monitor.records.database import StoreError
 from monitor.service.children import Worker
-from streams.link.mqtt import end_client
+from streams.link.mqtt import end_client, start_client
 
 _LOG = logging.getLogger(__name__)
 _MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
@@ -107,7 +107,7 @@ class BrokerLink:
             self._client.connect(self._section.host, self._section.port, _KEEPALIVE)
         except (OSError, ValueError) as error:
             raise BrokerError(f"{self._where}: {error}") from None
-        self._client.loop_start()
+        start_client(self._client, self._lose)
         with self._state:
             answered = self._state.wait_for(lambda: self._accepted or self._lost is not None, TIMEOUT_S)
         if not answered:
@@ -171,6 +171,9 @@ class BrokerLink:
             self._state.notify_all()
 
     def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
+        self._lose(str(reason))
+
+    def _lose(self, reason: str) -> None:
         with self._state:
             self._lost = self._lost or f"connection to the broker lost: {reason}"
             self._state.notify_all()
@@ -195,7 +198,7 @@ class Sessions(Worker):
     """
 
     _expected: tuple[type[Exception], ...] = (NotifyError, StoreError)
-    """What a session may raise; anything else is logged with its trace."""
+    """What a session may raise; anything else ends the thread, which its owner starts again."""
 
     def __init__(self, name: str, over: str, monotonic: Callable[[], float] = time.monotonic) -> None:
         """Set up without a thread; ``name`` is that of the thread, ``over`` completes "publishing ..." in the log."""
@@ -224,9 +227,6 @@ class Sessions(Worker):
                 self._session()
             except self._expected as error:
                 self._fail(str(error))
-            except Exception as error:  # A fault must not end the thread unnoticed.
-                _LOG.exception("publishing %s fails", self._over_what)
-                self._fail(type(error).__name__)
             else:
                 return
             with self._wake:

@@ -1,4 +1,6 @@
-"""Child processes and threads of the daemon: start, read without waiting, end; servers are started again after an end.
+"""Child processes and threads of the daemon: start, read without waiting, end; both are started again after an end.
+
+Pauses and bound are those of :mod:`models.platform.supervision`.
 
 A server reports on its standard output, one JSON object a line: ``url`` once it listens, ``problem``, and anything
 every few seconds.
@@ -20,15 +22,16 @@ from typing import Any
 
 from models.platform.portable import PipeReader
 from models.platform.process_signals import child_path
+from models.platform.supervision import OwnedThread, Restarts
 from monitor.config.outputs import WebSection
 
 _LOG = logging.getLogger(__name__)
 _PAGE = "monitor.web.server:child"
 _END_S = 0.5
 _MAX_BYTES = 1 << 16
-_MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
-_STABLE_S = 60.0
 _MAX_SILENCE_S = 60.0
+_MAX_ATTEMPT_S = 600.0
+"""Time without a pause after which a thread is taken to hang."""
 # A service manager signals all processes at once; a child goes on until its parent closes its standard input.
 _START = """
 import signal, sys
@@ -117,19 +120,34 @@ class Child:
                 threading.Thread(target=self._process.wait, daemon=True).start()
 
 
+class _Rest(threading.Condition):
+    """A condition that knows since when its thread has not waited."""
+
+    busy_since: float | None = None
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait as a condition does."""
+        self.busy_since = None
+        try:
+            return super().wait(timeout)
+        finally:
+            self.busy_since = time.monotonic()
+
+
 class Worker:
     """A thread that is woken where there is something new; its failure is a :attr:`problem`, never an exception.
 
-    A subclass gives ``_work``, and starts the thread.
+    A subclass gives ``_work``, and starts the thread; its owner calls :meth:`tend`.
     """
 
     def __init__(self, name: str) -> None:
         """Make the thread of a name."""
         self.problem: str | None = None
         """Why the latest attempt failed, or None."""
-        self._wake = threading.Condition()
+        self._wake = _Rest()
         self._news = self._ending = False
-        self._thread = threading.Thread(target=self._work, name=name, daemon=True)
+        self.restarts = Restarts(f"the thread {name}")
+        self._thread = OwnedThread(self.restarts, self._work, thread=name)
 
     def changed(self) -> None:
         """Note that there is something new; returns at once."""
@@ -141,13 +159,28 @@ class Worker:
         """Begin to work."""
         self._thread.start()
 
+    def tend(self) -> None:
+        """Start the thread again where it has ended."""
+        self._thread.tend()
+
+    def trouble(self) -> str | None:
+        """Return that the thread has ended or hangs, or else the :attr:`problem`.
+
+        One that hangs is not replaced: what it does may be done twice then.
+        """
+        since = self._wake.busy_since
+        busy = None if since is None or not self._thread.alive else time.monotonic() - since
+        if busy is not None and busy > _MAX_ATTEMPT_S:
+            return f"{self.restarts.name} has not come back from its latest attempt for {busy:.0f} s"
+        return self._thread.problem() or self.problem
+
     def join(self, seconds: float) -> None:
         """Wait for the end for at most so many seconds."""
-        if self._thread.ident is not None:
-            self._thread.join(seconds)
+        self._thread.join(seconds)
 
     def end(self) -> None:
         """Let the thread end; returns at once."""
+        self._thread.end()
         with self._wake:
             self._ending = True
             self._wake.notify()
@@ -170,8 +203,9 @@ class ServerProcess:
         self._name, self._entry, self._request = name, entry, dict(request)
         self._monotonic = monotonic
         self._child: Child | None = None
-        self._due, self._pause = monotonic(), _MIN_PAUSE_S
-        self._started = self._last_output = monotonic()
+        self.restarts = Restarts(name, monotonic)
+        self._closed = False
+        self._last_output = monotonic()
         self._reason: str | None = None
         self.url: str | None = None
         """Address of the server once it answers, or None."""
@@ -187,39 +221,41 @@ class ServerProcess:
         """Start the child when it is due, read its output, and note that it ended or hangs."""
         now = self._monotonic()
         if self._child is None:
-            if now >= self._due:
+            if self.restarts.due and not self._closed:
                 self._begin(now)
             return
         self._read(self._child, now)
         if self._child is not None and now - self._last_output > _MAX_SILENCE_S:
-            self._fail(f"{self._name} has said nothing for {_MAX_SILENCE_S:.0f} s", now)
+            self._fail(f"{self._name} has said nothing for {_MAX_SILENCE_S:.0f} s")
 
     def close(self) -> None:
         """End it within a second."""
         child, self._child = self._child, None
-        self.url, self._due = None, float("inf")
+        self.url, self._closed = None, True
         if child is not None:
             child.end()
 
     def _begin(self, now: float) -> None:
-        self._started = self._last_output = now
+        self._last_output = now
         self._reason = None
         try:
             self._child = Child(self._entry, json.dumps(self._request))
         except OSError as error:
-            self._fail(f"{self._name} cannot be started: {error.strerror or error}", now)
+            self._fail(f"{self._name} cannot be started: {error.strerror or error}")
+            return
+        self.restarts.started()
 
     def _read(self, child: Child, now: float) -> None:
         lines = child.read_lines()
         if lines is None:
-            self._fail(self._reason or f"{self._name} ended unexpectedly", now)
+            self._fail(self._reason or f"{self._name} ended unexpectedly")
             return
         for line in lines:
             self._last_output = now
             with contextlib.suppress(ValueError):
                 self._take(json.loads(line))
-        if lines and now - self._started > _STABLE_S:
-            self._pause = _MIN_PAUSE_S
+        if lines:
+            self.restarts.runs()
 
     def _take(self, line: dict[str, Any]) -> None:
         if "problem" in line:
@@ -229,13 +265,13 @@ class ServerProcess:
             _LOG.info("%s is at %s", self._name, self.url)
             self._note(None)
 
-    def _fail(self, problem: str, now: float) -> None:
+    def _fail(self, problem: str) -> None:
         child, self._child = self._child, None
-        self.url, self._due = None, now + self._pause
-        self._pause = min(2.0 * self._pause, _MAX_PAUSE_S)
+        self.url = None
         if child is not None:
             child.end()
-        self._note(problem)
+        self.restarts.failed(problem)
+        self._note(self.restarts.problem() or problem)
 
     def _note(self, problem: str | None) -> None:
         if problem != self.problem:

@@ -10,9 +10,10 @@ from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
+from models.platform.supervision import Restarts
 from monitor.config.load import Config
 from monitor.records.store import Store
-from monitor.service.children import ServerProcess, page_server
+from monitor.service.children import ServerProcess, Worker, page_server
 from monitor.service.neighbours.sparkplug import Sparkplug
 from monitor.service.notify.channels import Heartbeat
 from monitor.service.notify.notifier import Notifier
@@ -66,6 +67,12 @@ class Companions:
                 request = {"config": str(path.absolute())}
                 self._servers["publish.opcua"] = ServerProcess("the OPC UA server", _OPCUA, request, monotonic)
             self._ending += [server.close for server in self._servers.values()]
+            self._workers: dict[str, Worker] = {
+                **self._events.workers(),
+                "notify.heartbeat": self._heartbeat,
+                "publish.mqtt": self._records,
+                "publish.sparkplug": self._sparkplug,
+            }
             opened.pop_all()
 
     @property
@@ -95,8 +102,15 @@ class Companions:
         self._publisher.to_delete = to_delete
         if room:
             self._publisher.tick()
-        for server in self._servers.values():
-            server.tick()
+        for owned in self._servers.values():
+            owned.tick()
+        for worker in self._workers.values():
+            worker.tend()
+
+    def restarts(self) -> dict[str, Restarts]:
+        """Return what is known of the failures of each thread and child, by its name."""
+        owned = {**self._workers, **self._servers, "publisher": self._publisher}
+        return {name: found.restarts for name, found in owned.items()}
 
     def beat(self, healthy: Callable[[], bool]) -> None:
         """Send the dead-man signal if it is due and ``healthy``."""
@@ -108,23 +122,25 @@ class Companions:
         found = {
             "publisher": self._publisher.problem,
             "records": "; ".join(self._publisher.kept.values()) or None,
-            "publish.mqtt": self._records.problem,
-            "publish.sparkplug": self._sparkplug.problem,
+            **{name: worker.trouble() for name, worker in self._workers.items()},
             "publish.opcua": servers.get("publish.opcua"),
-            "notify.heartbeat": self._heartbeat.problem,
             "page": servers.get("page"),
         }
-        return self._events.problems() | {name: problem for name, problem in found.items() if problem is not None}
+        return {name: problem for name, problem in found.items() if problem is not None}
 
     def end(self, *, room: bool) -> None:
         """Publish, where there is room on the disk, and notify a last time; end all within four seconds."""
         ending = [threading.Thread(target=end, daemon=True) for end in self._ending]
-        for thread in ending:
-            thread.start()
+        for thread, end in zip(ending, self._ending, strict=True):
+            try:
+                thread.start()
+            except RuntimeError:  # The system gives no more threads.
+                end()
         if room and not self._publisher.finish(_LAST_PUBLICATION_S):
             _LOG.warning("the last records are not published yet; they are safe, and will be at the next start")
         for thread in ending:
-            thread.join()
+            if thread.ident is not None:
+                thread.join()
         self._ending.clear()
 
     def close(self) -> None:

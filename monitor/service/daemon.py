@@ -10,6 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from models.platform.supervision import Restarts
 from monitor.config.load import Config, ConfigError
 from monitor.health.alarms import AlarmAcknowledgement
 from monitor.health.record import Record
@@ -24,6 +25,7 @@ from monitor.service.companions import Companions
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import MachineStatus, SilenceLog
 from monitor.service.neighbours.condition import ConditionProcess
+from monitor.service.progress import boot_id
 from monitor.service.retention import Retention
 from monitor.service.start import inspect, refuse_implausible
 from monitor.service.summary import run_attributes, uncalibrated_lines
@@ -101,7 +103,7 @@ class Daemon:
         self._config, self._path = config, path
         self._monotonic, self._clock, self._free = monotonic, clock, free
         self._manager = ServiceManager()
-        self._began = monotonic()
+        self._began, self._boot = monotonic(), boot_id()
         self._since = clock()
         self._status_due = self._poll_due = float("-inf")
         self._status_problem: str | None = None
@@ -109,6 +111,7 @@ class Daemon:
         self._held_up = False
         self._idle = True
         self._notices: list[dict[str, Any]] = []
+        self._stalled: list[str] = []
 
     def run(self, stop: threading.Event) -> None:
         """Follow the sources until ``stop`` is set, then publish a last time and return, within five seconds.
@@ -175,6 +178,7 @@ class Daemon:
     def _starting(self) -> None:
         # A service manager restarts a service whose start takes longer than usual.
         self._manager.send("EXTEND_TIMEOUT_USEC=60000000", "STATUS=repairing or rebuilding the store")
+        self._file.touch()
 
     def _follow(self, stop: threading.Event) -> None:
         while not stop.is_set():
@@ -222,9 +226,16 @@ class Daemon:
     def _beat(self) -> bool:
         """Do what is due; return whether there is room on the disk to go on."""
         now = self._monotonic()
-        self._manager.feed_watchdog(now)
+        self._ingest.tend()
         before = self._disk.problem
         room = self._disk.check(now)
+        # On a full disk nothing is taken, and a restart would not help.
+        stalled = self._ingest.stalled() if room else []
+        if not stalled:
+            self._manager.feed_watchdog(now)
+        if stalled != self._stalled:
+            _LOG.error("blocks wait and are not committed: %s", ", ".join(stalled) or "none any more")
+            self._stalled = stalled
         if self._disk.problem is not None and before is None:
             _LOG.error("nothing more is taken: %s", self._disk.problem)
         elif room and before is not None:
@@ -250,6 +261,11 @@ class Daemon:
             return
         self._poll_due = now + _POLL_LOG_S
         self._notices += self._ingest.notices()
+        self._notices += [
+            {"kind": "stays_down", "text": news}
+            for restarts in self._restarts().values()
+            if (news := restarts.take_news()) is not None
+        ]
         try:
             while self._notices:
                 self._log.notice(self._clock(), self._notices[0])
@@ -269,7 +285,10 @@ class Daemon:
     def _write_status(self, status: str) -> None:
         try:
             self._status.page = None if status == "stopped" else self._companions.url
-            self._file.write(self._status.values(status, self.problems()))
+            progress = {"progress_age_s": self._ingest.progress.ages(), "stalled": self._stalled, "boot": self._boot}
+            restarts = {name: found.values() for name, found in self._restarts().items() if found.failures}
+            values = self._status.values(status, self.problems())
+            self._file.write({**values, **progress, "restarts": restarts})
         except Exception as error:  # A status that cannot be composed must not end the daemon.
             reason = getattr(error, "strerror", None) or error
             problem = f"{self._file.path}: cannot be written ({reason})"
@@ -279,9 +298,13 @@ class Daemon:
             return
         self._status_problem = None
 
+    def _restarts(self) -> dict[str, Restarts]:
+        condition = {} if self._condition is None else {"operating.opcua": self._condition.restarts}
+        return self._ingest.restarts() | self._companions.restarts() | condition
+
     def _can_commit(self) -> bool:
         room = full_disk(self._config.machine.state_dir, 0, self._free) is None
-        return room and _STUCK.isdisjoint(self.problems())
+        return room and not self._stalled and _STUCK.isdisjoint(self.problems())
 
     def problems(self) -> dict[str, str]:
         """Return the present problems, one sentence each, by the name of the source or the part."""

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from statistics import median_low
 from typing import Any, Self
 
+from models.platform.supervision import Restarts
 from monitor.config.load import Config, ConfigError
 from monitor.health.record import Record
 from monitor.health.state import SourceSettings
@@ -18,6 +19,7 @@ from monitor.pipeline import ConditionOf, Pipeline, PipelineOptions
 from monitor.records.database import Closing
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
+from monitor.service.progress import Progress
 from monitor.service.setup import source_settings, source_spec
 from streams.dates.pairs import clocks_apart
 from streams.open import open_live
@@ -70,6 +72,7 @@ class Ingest(Pipeline, Closing):
         self._source_errors: dict[str, str] = {}
         self._retry_at: dict[str, float] = {}
         self._turns = Turns(len(self.sources))
+        self.progress = Progress(timer)
 
     @classmethod
     def open(
@@ -127,6 +130,7 @@ class Ingest(Pipeline, Closing):
                     self._turns.missed(number, max(0.0, self._timer() - began - timeout))
                     continue
                 record = self.deliver(source, delivery, stop)
+                self.progress.note(source.name)
                 self._turns.served(number, self._timer() - began)
                 return record
         return None
@@ -147,6 +151,20 @@ class Ingest(Pipeline, Closing):
             return None
         self._source_errors.pop(source.name, None)
         return found[0] if found else None
+
+    def tend(self) -> None:
+        """Start again what has ended of the sources; LostThreadError where a thread hangs."""
+        for source in self.sources:
+            source.tend()
+        self.progress.look({source.name: source.ready_blocks() for source in self.sources})
+
+    def stalled(self) -> list[str]:
+        """Return the sources whose blocks wait for no known reason."""
+        return self.progress.stalled({*self._source_errors, *({"store"} if self.store_fails else ())})
+
+    def restarts(self) -> dict[str, Restarts]:
+        """Return what is known of the failures of threads of the sources, by the name of the thread."""
+        return {found.name: found for source in self.sources for found in source.restarts()}
 
     def backlogs(self) -> dict[str, Backlog]:
         """Return the progress of each source, by name."""

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 from models.platform.portable import lower_priority
+from models.platform.supervision import Restarts
 from monitor.records.database import StoreError
 from monitor.records.durable import locked
 from monitor.records.events import EventLog
@@ -60,6 +61,7 @@ class Publisher:
         self._store, self._records_dir = store, records_dir
         self._every, self._monotonic = every, monotonic
         self._child: Child | None = None
+        self.restarts = Restarts("the publisher", monotonic)
         self._answers = 0
         self._retired: Child | None = None
         self._requested_at: float | None = None
@@ -96,7 +98,7 @@ class Publisher:
             self._collect(0.0)
             if self._requested_at is not None and now - self._requested_at > _MAX_PUBLICATION_S:
                 self._fail(f"publishing takes longer than {_MAX_PUBLICATION_S:.0f} s")
-        elif now >= self._due:
+        elif now >= self._due and self.restarts.due:
             self._idle_turns += 1
             if self._changed or self._idle_turns >= _CHECK_TURNS:
                 self._request()
@@ -139,6 +141,7 @@ class Publisher:
             if self._child is None:
                 store, records_dir = self._store.path.absolute(), self._records_dir.absolute()
                 self._child = Child(_ENTRY, str(store), str(records_dir))
+                self.restarts.started()
             self._child.write(b"%d\n" % self.to_delete)
         except OSError as error:
             self._fail(f"the publisher cannot be asked: {error.strerror or error}")
@@ -154,6 +157,7 @@ class Publisher:
 
     def _take(self, answer: dict[str, Any]) -> None:
         """Note what was written; what cannot be noted is published again."""
+        self.restarts.runs()
         took = float(answer["seconds"])
         self._requested_at = None
         self._due = self._monotonic() + max(self._every, _MIN_PAUSE_FACTOR * took)
@@ -188,7 +192,8 @@ class Publisher:
     def _fail(self, problem: str) -> None:
         self.close()
         self._due = self._monotonic() + self._every
-        self._set_problem(problem)
+        self.restarts.failed(problem)
+        self._set_problem(self.restarts.problem() or problem)
 
     def _set_problem(self, problem: str | None) -> None:
         if problem is not None:

@@ -23,6 +23,7 @@ from monitor.records.backup import read_note
 from monitor.records.compact import reusable_bytes
 from monitor.records.database import Closing, SharedConnection, StoreError
 from monitor.records.durable import free_bytes
+from monitor.service.progress import stall_of
 
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
 _NAME = "status.json"
@@ -63,7 +64,14 @@ class StatusFile(Closing):
                 lock.close()
                 raise StoreError(f"{state_dir}: another daemon is running for this machine; there can be only one")
             time.sleep(0.02)
-        return cls(state_dir / _NAME, lock)
+        found = cls(state_dir / _NAME, lock)
+        found.touch()
+        return found
+
+    def touch(self) -> None:
+        """Make the content of an earlier daemon look new, while this one starts."""
+        with suppress(OSError):
+            os.utime(self.path)
 
     def write(self, values: Mapping[str, Any]) -> None:
         """Replace the content of the file; OSError leaves the old content."""
@@ -77,16 +85,19 @@ class StatusFile(Closing):
 
 
 def read_status(state_dir: Path) -> dict[str, Any]:
-    """Return the latest status of a daemon, with ``running``: whether it still runs.
+    """Return the latest status of a daemon, with ``running``: True, False or "stalled".
 
-    Where none is running, ``status`` is ``stopped`` (it ended normally), ``died``, or ``never_ran``.
+    Where none is running, ``status`` is ``stopped`` (it ended normally), ``died``, or ``never_ran``. One that runs and
+    does not go on is ``stalled``, and ``stall`` says why.
     """
-    found = _read(state_dir / _NAME)
-    running = is_running(state_dir)
+    path = state_dir / _NAME
+    found, running = _read(path), is_running(state_dir)
     if not running:
         found["status"] = ("stopped" if found.get("status") == "stopped" else "died") if found else "never_ran"
-    elif not found:
+    elif not found or found.get("status") == "stopped":
         found["status"] = "starting"
+    elif (stall := stall_of(found, path)) is not None:
+        return {**found, "running": "stalled", "status": "stalled", "stall": stall}
     return {"running": running, **found}
 
 
@@ -101,6 +112,8 @@ def present_status(
     state_dir = config.machine.state_dir
     found, backup = read_status(state_dir), read_note(state_dir)
     problems = dict(found.get("problems", {}))
+    if "stall" in found:
+        problems["daemon"] = f"stalled: {found['stall']}"
     if (full := full_disk(state_dir, round(1e6 * config.machine.min_free_mb), free)) is not None:
         problems["disk"] = full
     if backup.get("problem"):

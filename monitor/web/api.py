@@ -19,10 +19,10 @@ from monitor.records.database import StoreError
 from monitor.records.queries import LedgerBlock, is_dated, newest_id, refused_counts, staged_values
 from monitor.records.rollup import SeriesKey
 from monitor.records.trends import TrendTable, read_trends
+from monitor.service.progress import unhealthy
 from monitor.web.answers import Query, RequestError, numbers, optional_number, times, whole_number, without_folders
 from monitor.web.machines import Machines, WatchedMachine
 from monitor.words.features import FEATURES, TRENDS
-from monitor.words.statuses import DAEMON
 from monitor.words.zones import machine_class
 
 MAX_CHANNELS = 40
@@ -63,7 +63,6 @@ MAX_POINTS = 5000
 _POINTS = 1000
 _MARKS = ("t_fs", "t_fs_known", "t_eol", "t_fs_block", "speed", "load")
 _RECENT = 200
-_MAX_STATUS_AGE_S = 15.0
 
 
 def machines(site: Machines) -> dict[str, Any]:
@@ -254,19 +253,13 @@ def health(site: Machines) -> tuple[int, dict[str, Any]]:
 def _reasons(machine: WatchedMachine) -> Iterator[str]:
     status = machine.status()
     values = status.values
-    if not values.get("running") or values.get("status") == "starting":
-        sentence = DAEMON[values["status"]]
-        yield sentence[0].lower() + sentence[1:]
+    yield from (without_folders(reason) for reason in unhealthy(values))
+    if values.get("running") is not True or values["status"] == "starting":
         return
-    if status.age is None or status.age > _MAX_STATUS_AGE_S:
-        yield f"the daemon said nothing for {status.age or 0.0:.0f} s"
     try:
         newest_id(machine.store)
     except StoreError as error:
         yield f"the store cannot be read: {without_folders(str(error))}"
-    for what in ("store", "disk"):
-        if what in values["problems"]:
-            yield values["problems"][what]
     silent: dict[str, str] = {}
     for channel in values["channels"].values():
         if channel["state"] == "no_data":

@@ -26,6 +26,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from models.platform.portable import NO_LINK
+from models.platform.supervision import OwnedThread, Restarts
 from monitor.records.database import StoreError
 from monitor.records.filing import published_name
 from monitor.web import api, desk, event_view
@@ -41,6 +42,7 @@ from monitor.words.statuses import page_words
 
 _LOG = logging.getLogger(__name__)
 _THREADS = 4
+_JOIN_S = 5.0
 _MAX_WAITING = 64
 _PART_BYTES = 1 << 18
 _FOLDER = Path(__file__).parent / "static"
@@ -71,7 +73,7 @@ class Site:
         self._desk_thread = ThreadPoolExecutor(1, "desk")
         self._checking: asyncio.Future[Answer] | None = None
         self._ending = threading.Event()
-        self._upkeep = threading.Thread(target=machines.keep_counting, args=(self._ending,), name="upkeep", daemon=True)
+        self._upkeep = OwnedThread(Restarts("upkeep"), partial(machines.keep_counting, self._ending))
 
     async def run(self, make: Callable[..., Any], *values: Any) -> Any:
         """Call a function in one of the few threads; raise :class:`RequestError` 503 where too many wait."""
@@ -113,6 +115,10 @@ class Site:
             found = _failed(error)
         return _response(request, found)
 
+    def tend(self) -> None:
+        """Start the thread that counts blocks again where it has ended."""
+        self._upkeep.tend()
+
     def __enter__(self) -> Self:
         """Begin to count blocks."""
         self._upkeep.start()
@@ -124,7 +130,7 @@ class Site:
         for threads in (self._threads, self._health_thread, self._desk_thread):
             threads.shutdown(wait=True, cancel_futures=True)
         self.hub.close()
-        self._upkeep.join()
+        self._upkeep.join(_JOIN_S)
         for machine in self.machines:
             machine.store.close()
 

@@ -75,6 +75,7 @@ class WatchedMachine:
                 }
                 # It changes with every look; the moment of the backup stays.
                 found.pop("last_backup_age_s")
+                found.pop("boot", None)
                 problems = found.get("problems", {})
                 found["problems"] = {name: without_folders(problem) for name, problem in problems.items()}
                 self._read = now

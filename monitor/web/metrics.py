@@ -136,7 +136,7 @@ def _daemons(site: Machines) -> Iterator[Metric]:
     cpu = CounterMetricFamily("spallwatch_daemon_cpu_seconds", "processor time of the daemon", labels=("machine",))
     for machine in site:
         status = machine.status()
-        values, running = status.values, bool(status.values.get("running"))
+        values, running = status.values, status.values.get("running") is True
         label = (machine.name,)
         gauges["up"].add_metric(label, running)
         gauges["degraded"].add_metric(label, running and values.get("status") == "degraded")

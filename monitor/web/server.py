@@ -9,8 +9,9 @@ import signal
 import socket
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from models.platform.portable import lower_priority
 from models.platform.process_signals import on_signals
+from models.platform.supervision import LostThreadError, Restarts
 from models.words.errors import WrongInputError
 from monitor.config.load import Config, ConfigError, load_config
 from monitor.config.outputs import WebSection
@@ -177,10 +179,14 @@ async def serve(
         site = Site(machines, doors, Doorkeeper(token, users), web.max_streams, folders)
         server = _Server(_settings(site, web))
         with site:
-            beside = [asyncio.create_task(_beat(report, web.url(doors.port))), asyncio.create_task(site.hub.run())]
+            beating = partial(_beat, report, web.url(doors.port), site.tend)
+            tasks = {"the beat of the page": beating, "the stream of the page": site.hub.run}
+            beside = [asyncio.create_task(keep_running(name, run)) for name, run in tasks.items()]
             serving = asyncio.create_task(server.serve([listening]))
             try:
-                await asyncio.shield(serving)
+                ended, _ = await asyncio.wait((serving, *beside), return_when=asyncio.FIRST_COMPLETED)
+                for task in ended:
+                    task.result()
             finally:
                 server.should_exit = server.force_exit = True
                 for task in beside:
@@ -213,11 +219,31 @@ def _settings(site: Site, web: WebSection) -> uvicorn.Config:
     return settings
 
 
-async def _beat(report: Report, url: str) -> None:
+async def _beat(report: Report, url: str, tend: Callable[[], None]) -> None:
     report({"url": url})
     while True:
         await asyncio.sleep(_ALIVE_S)
+        tend()
         report({"alive": True})
+
+
+async def keep_running(name: str, run: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    """Run a task beside the server, and again where it fails.
+
+    Raises:
+        LostThreadError: it fails again and again; the process is started again as a whole.
+    """
+    restarts = Restarts(name)
+    while True:
+        restarts.started()
+        try:
+            await run()
+        except Exception as error:  # Whatever ends a task would be seen nowhere.
+            _LOG.exception("%s ended and is started again", name)
+            restarts.failed(f"{type(error).__name__}: {error}")
+            if restarts.down:
+                raise LostThreadError(f"{restarts.name} failed too often: {restarts.cause}") from None
+        await asyncio.sleep(max(0.0, restarts.wait_s))
 
 
 def _listen(web: WebSection, port: int) -> socket.socket:
@@ -253,7 +279,7 @@ def child() -> None:
     try:
         machines = Machines([load_config(path)])
         asyncio.run(serve(machines, web, state_dir, report_line, configurations=path.parent))
-    except (PageError, ConfigError) as error:
+    except (PageError, ConfigError, LostThreadError) as error:
         report_line({"problem": str(error)})
         sys.exit(1)
 

@@ -14,7 +14,7 @@ from monitor.words.statuses import STATES, fault_words, gear_words
 SEVERITIES = ("danger", "alert")
 """From the worst."""
 _RANKS = (
-    *("end_of_life", "danger", "final_stage", "records_kept", "store_salvaged", "file_poisoned"),
+    *("end_of_life", "danger", "final_stage", "records_kept", "store_salvaged", "file_poisoned", "stays_down"),
     *("alert", "no_data", "condition"),
 )
 _GOOD = (

@@ -38,6 +38,7 @@ DAEMON = {
     "died": "The daemon has died",
     "never_ran": "The daemon has never run",
     "starting": "The daemon is starting",
+    "stalled": "The daemon is stalled",
 }
 
 BASES = {

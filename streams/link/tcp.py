@@ -129,8 +129,8 @@ class TcpReceiver(Receiver):
 
     def problem(self) -> str | None:
         """Return that the backlog is full, or why the last of no connections ended."""
-        if self._opened and not self._thread.alive:
-            return self._restarts.problem() or f"{self.name}: the receiver has stopped: {self._restarts.cause}"
+        if not self._stopped and (lost := self._thread.problem()) is not None:
+            return f"{self.name}: {lost}"
         if self._paused:
             return f"{self.name}: blocks come faster than they are committed"
         return None if self._current else self._problem

@@ -16,7 +16,7 @@ _INTERVALS: dict[str, dict[str, float]] = {
     "monitor.service.publisher": {"_CHECK_TURNS": 3, "_MIN_PAUSE_FACTOR": 0.5},
     "monitor.service.record_mqtt": {"_PLACE_S": 0.5, "_STATE_S": 0.1},
     "monitor.service.retention": {"_MAX_PAUSE_S": 0.5},
-    "monitor.service.children": {"_MIN_PAUSE_S": 0.2},
+    "models.platform.supervision": {"MIN_PAUSE_S": 0.2},
     "monitor.service.broker": {"_MIN_PAUSE_S": 0.2},
     "monitor.web.machines": {"_COUNT_S": 0.1, "_FRESH_S": 0.05},
     "monitor.web.stream": {"_POLL_S": 0.1},

@@ -167,7 +167,7 @@ def channels_of(config: Config) -> tuple[MachineChannel, ...]:
 def points_of(channels: tuple[MachineChannel, ...], snapshot: MachineSnapshot) -> dict[PointPath, MachinePoint]:
     """Return all points of a machine; which there are depends on the channels alone."""
     status = snapshot.status
-    running = bool(status.get("running"))
+    running = status.get("running") is True
     found: dict[PointPath, MachinePoint] = {
         ("state",): _text(status.get("state") if running else "no_data"),
         ("device_health",): MachinePoint(_health(status.get("state") if running else "no_data"), "int"),

@@ -87,9 +87,13 @@ class Notifier:
         for follower in self._followers:
             follower.changed()
 
+    def workers(self) -> dict[str, Worker]:
+        """Return the threads, by the name of the channel in a status."""
+        return {f"notify.{follower.name}": follower for follower in self._followers}
+
     def problems(self) -> dict[str, str]:
         """Return the problems of the failing channels, by name."""
-        found = {f"notify.{follower.name}": follower.problem for follower in self._followers}
+        found = {f"notify.{follower.name}": follower.trouble() for follower in self._followers}
         return {name: problem for name, problem in found.items() if problem is not None}
 
     def close(self, timeout: float = 2.0) -> None:
