@@ -21,7 +21,7 @@ from tests.support.commands import run_command
 from tests.support.daemon import put, running
 from tests.support.daemons import make_machine, start
 from tests.support.daemons import status as raw_status
-from tests.support.waiting import PATIENCE_S, wait_until
+from tests.support.waiting import wait_until
 
 
 def status(config: Path) -> dict[str, Any]:
@@ -155,5 +155,5 @@ def test_the_watchdog_is_fed_only_while_no_source_is_stalled(tmp_path: Path, mon
         time.sleep(0.5)
         assert len(fed) == before
         stalled.clear()
-        wait_until(lambda: len(fed) > before, PATIENCE_S)
+        wait_until(lambda: len(fed) > before)
         wait_until(lambda: raw_status(config)["stalled"] == [])
