@@ -19,7 +19,7 @@ from monitor.pipeline import ConditionOf, Pipeline, PipelineOptions
 from monitor.records.database import Closing
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
-from monitor.service.progress import Progress
+from monitor.service.progress import SourceProgress
 from monitor.service.setup import source_settings, source_spec
 from streams.dates.pairs import clocks_apart
 from streams.open import open_live
@@ -72,7 +72,7 @@ class Ingest(Pipeline, Closing):
         self._source_errors: dict[str, str] = {}
         self._retry_at: dict[str, float] = {}
         self._turns = Turns(len(self.sources))
-        self.progress = Progress(timer)
+        self.progress = SourceProgress(timer)
 
     @classmethod
     def open(

@@ -22,7 +22,7 @@ _MAX_LOOK_S = 5.0
 """Longest time between two looks that counts: a process that was frozen did not wait."""
 
 
-class Progress:
+class SourceProgress:
     """The age of the progress of each source, seen in the thread that commits."""
 
     def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
@@ -86,8 +86,8 @@ def unhealthy(status: Mapping[str, Any]) -> Iterator[str]:
             "starting": "the daemon is starting",
         }.get(status["status"], "the daemon has died")
         return
-    for name in sorted(_ALL.intersection(status.get("problems", {}))):
-        yield f"{name}: {status['problems'][name]}"
+    problems = status.get("problems", {})
+    yield from (problems[name] for name in ("store", "disk") if name in problems)
 
 
 def boot_id() -> str | None:

@@ -13,7 +13,7 @@ import pytest
 
 from monitor.config.load import load_config
 from monitor.service import daemon as daemons
-from monitor.service.progress import MAX_PROGRESS_AGE_S, MAX_STATUS_AGE_S, Progress, boot_id, unhealthy
+from monitor.service.progress import MAX_PROGRESS_AGE_S, MAX_STATUS_AGE_S, SourceProgress, boot_id, unhealthy
 from monitor.service.system import StatusFile, present_status, read_status
 from monitor.web.api import health
 from monitor.web.machines import Machines
@@ -28,7 +28,7 @@ def status(config: Path) -> dict[str, Any]:
     return present_status(load_config(config))
 
 
-def aged(progress: Progress, now: list[float], seconds: float, ready: dict[str, int]) -> None:
+def aged(progress: SourceProgress, now: list[float], seconds: float, ready: dict[str, int]) -> None:
     """Look every second for so many seconds."""
     for _ in range(round(seconds)):
         now[0] += 1.0
@@ -37,7 +37,7 @@ def aged(progress: Progress, now: list[float], seconds: float, ready: dict[str, 
 
 def test_the_age_counts_while_blocks_wait_and_begins_anew_with_a_commit() -> None:
     now = [0.0]
-    progress = Progress(lambda: now[0])
+    progress = SourceProgress(lambda: now[0])
     aged(progress, now, 20.0, {"press": 0, "fan": 3})
     assert progress.ages() == {"press": 0.0, "fan": 20.0}
     progress.note("fan")
@@ -49,7 +49,7 @@ def test_the_age_counts_while_blocks_wait_and_begins_anew_with_a_commit() -> Non
 
 def test_a_source_is_stalled_only_where_nothing_says_why() -> None:
     now = [0.0]
-    progress = Progress(lambda: now[0])
+    progress = SourceProgress(lambda: now[0])
     aged(progress, now, MAX_PROGRESS_AGE_S, {"press": 1})
     assert progress.stalled(()) == []
     aged(progress, now, 1.0, {"press": 1})
@@ -61,7 +61,7 @@ def test_a_source_is_stalled_only_where_nothing_says_why() -> None:
 
 def test_a_process_that_was_frozen_did_not_wait() -> None:
     now = [0.0]
-    progress = Progress(lambda: now[0])
+    progress = SourceProgress(lambda: now[0])
     aged(progress, now, 1.0, {"press": 1})
     now[0] += 3600.0
     progress.look({"press": 1})

@@ -178,7 +178,7 @@ def test_health_fails_on_what_is_stale_silent_or_broken(tmp_path: Path) -> None:
             return page.ask("/healthz").json["reasons"]
 
         assert reasons() == []
-        assert reasons(stale=100.0) == ["machine m: the daemon said nothing for 100 s"]
+        assert reasons(stale=100.0) == ["machine m: the daemon is stalled: it has not renewed its status for 100 s"]
         silent = {"x0": said["channels"]["x0"] | {"state": "no_data", "reason": "no block for 700 s"}}
         assert reasons(channels=silent) == ["machine m: source s0: no block for 700 s"]
         problems = {"store": f"{tmp_path}/state/state.db: disk I/O error", "s0": "the folder is away"}
