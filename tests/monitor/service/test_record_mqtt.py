@@ -221,7 +221,7 @@ def test_a_broker_that_never_answers_holds_up_neither_commits_nor_the_end(commit
         records.changed()
         records.close(0.05)
         # The end was not waited for: the thread is still waiting for an answer.
-        thread = records._thread
+        thread = records._thread._thread
         assert thread is not None
         assert thread.is_alive()
         peer.close()
