@@ -108,7 +108,7 @@ def explore(
     for history, after, entry, call, promised in _crashes(life, models, ignore_syncs=ignore_syncs):
         rng = random.Random(f"{seed} {history.disk.model} {after}")
         # Names are rare among writes, and are all crossed.
-        if entry.call in ("write", "fsync", "fdatasync") and rng.random() > chosen:
+        if rng.random() > (chosen if entry.call in ("write", "fsync", "fdatasync") else 3.0 * chosen):
             continue
         for state in history.states(after, call, number, rng):
             found.built += 1
@@ -121,7 +121,7 @@ def explore(
             for promise in judge.broken(state, promised):
                 found.broken.append((after, state.model, state.loss, " ".join(call), promise))
         found.salvaged, found.republished = judge.salvaged, judge.republished
-        if found.distinct >= 1.5 * states or (stop_at is not None and len(found.broken) >= stop_at):
+        if stop_at is not None and len(found.broken) >= stop_at:
             break
     return found
 

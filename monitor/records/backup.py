@@ -28,6 +28,7 @@ from monitor.records.durable import (
     exclusive,
     free_bytes,
     free_name,
+    make_folder,
     replacing,
     sync_file,
     sync_folder,
@@ -101,10 +102,11 @@ def back_up(contents: Contents, folder: Path, *, keep: int, utc: float, min_free
         raise RefusedError(f"{contents.store}: no such file; there is nothing to back up before the daemon has run")
     busy = RefusedError(f"{folder}: another backup of machine {contents.machine!r} is being written")
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         with exclusive(folder / contents.machine, busy):
             for left in folder.glob(f".{contents.machine}-*.partial"):
                 if _is_of(contents.machine, left.stem[1:]):
+                    sync_folder(folder)
                     shutil.rmtree(left)
             earlier = backups_of(folder, contents.machine)
             before = _read_manifest(earlier[-1]) if earlier else None
@@ -363,6 +365,8 @@ def _prune(folder: Path, machine: str, keep: int, newest: str) -> list[str]:
         going = path.with_name(f".{path.name}.partial")
         with suppress(OSError):
             path.rename(going)
+            # A power cut must not bring the name back without the files.
+            sync_folder(folder)
             removed.append(path.name)
             shutil.rmtree(going)
     return removed

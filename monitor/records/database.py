@@ -12,6 +12,7 @@ from typing import Any, Literal, Self
 from models.platform.portable import sync_folder
 from models.words.errors import WrongInputError
 from monitor.records.archive import COLUMNS, complete_archive
+from monitor.records.durable import make_folder
 from streams.types.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 APPLICATION_ID = 0x53504C57
@@ -220,7 +221,7 @@ def refuse_unsuitable(path: Path, *, create: bool, look_inside: bool = True) -> 
     if not path.exists() and not create:
         raise StoreError(f"{path}: no such file")
     try:
-        path.parent.mkdir(0o750, parents=True, exist_ok=True)
+        make_folder(path.parent, 0o750)
         refuse_network_share(path, path.parent)
         head = b""
         if path.exists() and look_inside:

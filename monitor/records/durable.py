@@ -44,6 +44,19 @@ def exclusive(path: Path, refusal: Exception) -> Iterator[None]:
         lock.close()
 
 
+def make_folder(folder: Path, mode: int = 0o777) -> None:
+    """Make a folder with a mode, and those above it, where they are missing; OSError where that fails.
+
+    The names are durable: without that, a power cut takes the folder with all that was made durable in it.
+    """
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    folder.mkdir(mode, parents=True, exist_ok=True)
+    for place in reversed(missing):
+        # A folder that may be written to but not listed cannot be opened.
+        with suppress(PermissionError):
+            sync_folder(place.parent)
+
+
 def free_name(name: str, is_taken: Callable[[str], bool]) -> str:
     """Return a name, or the first of NAME-2, NAME-3, ... that is not taken."""
     number, found = 1, name

@@ -23,7 +23,7 @@ from models.words.errors import SpallwatchError
 from monitor.health.schema import SCHEMA_VERSION, VARIABLES
 from monitor.records.condense import condensed_up_to, has_condensed
 from monitor.records.dataset import INT_FILL, from_dataset, to_dataset
-from monitor.records.durable import replacing
+from monitor.records.durable import make_folder, replacing
 from monitor.records.filing import SECONDS_PER_DAY, published_files
 from monitor.records.published_folder import (
     MovedDaysError,
@@ -118,7 +118,7 @@ def _write_snapshot(store: Store, snapshot: Snapshot, records_dir: Path) -> None
     """Write the snapshot that was taken before the files."""
     paths = [records_dir / file_name(store.machine, day) for day, _ in days(store)]
     try:
-        records_dir.mkdir(parents=True, exist_ok=True)
+        make_folder(records_dir)
         sizes = {path.name: path.stat().st_size for path in paths if path.exists()}
         write_snapshot(replace(snapshot, files=sizes), records_dir)
     except OSError as error:
@@ -260,7 +260,7 @@ def _keep(path: Path, dataset: xr.Dataset) -> KeptFile | None:
 def _write(dataset: xr.Dataset, ledger: xr.Dataset, path: Path) -> int:
     """Replace a file; return its size in bytes."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         with replacing(path) as temporary:
             fills = {str(name): {"_FillValue": None} for name in ledger.variables}
             write_netcdf(temporary, {"": (dataset, encoding_of(dataset)), "ledger": (ledger, fills)})

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from models.words.errors import WrongInputError
-from monitor.records.durable import locked, replacing, sync_file, sync_folder
+from monitor.records.durable import locked, make_folder, replacing, sync_file, sync_folder
 from monitor.records.filing import published_files
 from monitor.records.ledger import DATING
 from monitor.records.store import Store
@@ -91,7 +91,7 @@ def move_day(path: Path, machine: str, to: Path, store: Path, utc: float) -> Mov
         MovedDaysError: the copy cannot be written, or a file with other blocks has its name; nothing is removed.
     """
     try:
-        to.mkdir(parents=True, exist_ok=True)
+        make_folder(to)
         if to.samefile(path.parent):
             raise MovedDaysError(f"{to}: is the folder of the published files; name another")
         with moving_days(store):

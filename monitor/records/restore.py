@@ -18,6 +18,7 @@ from monitor.records.durable import (
     exclusive,
     free_name,
     link_durably,
+    make_folder,
     put_in_place,
     sync_file,
     sync_folder,
@@ -80,7 +81,7 @@ def restore(folder: Path, machine: str, places: Places, *, replace: bool, utc: f
     if backup.manifest["machine"] != machine:
         raise RefusedError(f"{folder}: is a backup of machine {backup.manifest['machine']!r}, not of {machine!r}")
     try:
-        places.store.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(places.store.parent)
         with exclusive(places.store, _busy(places.store)):
             _finish(places)
             if not replace and any(path.exists() and path.stat().st_size for path in _parts(places.store)):

@@ -22,7 +22,7 @@ from monitor.config.load import Config
 from monitor.records.backup import read_note
 from monitor.records.compact import reusable_bytes
 from monitor.records.database import Closing, SharedConnection, StoreError
-from monitor.records.durable import free_bytes
+from monitor.records.durable import free_bytes, make_folder
 from monitor.service.progress import stall_of
 
 _PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
@@ -53,7 +53,7 @@ class StatusFile(Closing):
             StoreError: another daemon has it, or the folder cannot be written.
         """
         try:
-            state_dir.mkdir(0o750, parents=True, exist_ok=True)
+            make_folder(state_dir, 0o750)
             lock = FileLock(state_dir / _LOCK)
         except OSError as error:
             raise StoreError(f"{state_dir}: {error.strerror or error}") from None

@@ -19,7 +19,7 @@ from typing import Any
 from monitor.records.backup import stamp_of
 from monitor.records.condense import condensed_on
 from monitor.records.database import StoreError, opened
-from monitor.records.durable import exclusive, free_name, put_in_place, same_file, sync_file
+from monitor.records.durable import exclusive, free_name, make_folder, put_in_place, same_file, sync_file
 from monitor.records.events import Deliveries, EventLog
 from monitor.records.ledger import SALVAGED_UP_TO, StoreLedger
 from monitor.records.published_folder import MovedDaysError, absence_text, moved_days, read_snapshot
@@ -127,7 +127,7 @@ def open_or_salvage(
 def _salvage(path: Path, machine: str, loss: Loss, records_dir: Path | None, now: float, beat: Beat) -> SalvageReport:
     """Make a new store, replace the lost one by it, and log the report."""
     _LOG.error("%s: %s; making it again of what is left", path, loss.reason)
-    path.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(path.parent)
     with exclusive(path, StoreError(f"{path}: {loss.reason}, and another process is writing to it")):
         fresh = path.with_name(f"{path.name}.salvaging")
         remove_database(fresh)
