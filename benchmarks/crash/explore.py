@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import random
+import shutil
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from benchmarks.crash.history import MODELS, History, Model, final_difference
@@ -17,6 +22,7 @@ from benchmarks.crash.recorder import Entry, compile_recorder, read_record, reco
 
 SEED = 20261127
 _MAX_SHOWN = 40
+_ROUND_STATES = 800
 
 
 @dataclass(frozen=True)
@@ -34,19 +40,29 @@ class Found:
 
     Attributes:
         built: number of states.
-        distinct: number of states of different content; all of them were opened.
-        calls: distinct states by the call before the crash and the kind of its file.
-        losses: distinct states by model and loss.
+        seen: (call, kind of its file) and (model, loss) of each state of another content, by its digest.
         broken: (number of the entry, model, loss, call, promise) of each that is broken.
     """
 
     built: int = 0
-    distinct: int = 0
     salvaged: int = 0
     republished: int = 0
-    calls: Counter[tuple[str, str]] = field(default_factory=Counter[tuple[str, str]])
-    losses: Counter[tuple[str, str]] = field(default_factory=Counter[tuple[str, str]])
+    seen: dict[bytes, tuple[tuple[str, str], tuple[str, str]]] = field(
+        default_factory=dict[bytes, tuple[tuple[str, str], tuple[str, str]]]
+    )
     broken: list[tuple[int, str, str, str, str]] = field(default_factory=list[tuple[int, str, str, str, str]])
+
+    @property
+    def distinct(self) -> int:
+        """Number of states of different content; all of them were opened."""
+        return len(self.seen)
+
+    def add(self, other: Found) -> None:
+        """Add what another worker found."""
+        self.built, self.salvaged = self.built + other.built, self.salvaged + other.salvaged
+        self.republished += other.republished
+        self.seen = other.seen | self.seen
+        self.broken = sorted([*self.broken, *other.broken])
 
 
 class LifeError(Exception):
@@ -66,7 +82,19 @@ def record_life(base: Path) -> Recorded:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         raise LifeError(f"the life failed: {done.stderr[-2000:]}")
-    entries = list(read_record(base / "record"))
+    life = read_life(base)
+    history = History(places.root, "weakest")
+    for entry in life.entries:
+        if entry.call != "mark":
+            history.add(entry)
+    if differing := final_difference(places.root, history):
+        raise LifeError(f"the record does not lead to the files that are there: {', '.join(differing)}")
+    return life
+
+
+def read_life(base: Path) -> Recorded:
+    """Return a life that was recorded below a folder."""
+    places, entries = Places(base), list(read_record(base / "record"))
     truth, history = Truth(entries), History(places.root, "weakest")
     for entry in entries:
         if entry.call == "mark":
@@ -75,8 +103,6 @@ def record_life(base: Path) -> Recorded:
         if entry.call == "rename" and kind == "published" and entry.paths[1].endswith(".nc"):
             name = Path(entry.paths[1])
             truth.note_published(name.name, history.tree()[0][name.relative_to(places.root.resolve()).as_posix()])
-    if differing := final_difference(places.root, history):
-        raise LifeError(f"the record does not lead to the files that are there: {', '.join(differing)}")
     return Recorded(places, entries, truth)
 
 
@@ -88,6 +114,8 @@ def explore(
     ignore_syncs: bool = False,
     seed: int = SEED,
     stop_at: int | None = None,
+    share: tuple[int, int] = (0, 1),
+    found: Found | None = None,
 ) -> Found:
     """Open crash states of a life until so many of different content were opened, or no call is left.
 
@@ -98,31 +126,53 @@ def explore(
         ignore_syncs: the control in which no call for durability has any effect.
         seed: of the subsets.
         stop_at: end after so many broken promises.
+        share: number of this worker, and how many share the calls.
+        found: what was found before; its states are not opened again.
     """
-    found, seen = Found(), set[bytes]()
-    judge = Judge(life.places, life.truth)
+    found = found or Found()
+    judge = Judge(replace(life.places, name=f"ro{share[0]:02d}"), life.truth)
     calls = sum(entry.call != "mark" for entry in life.entries)
     # Two states of a call are not drawn: that with all, and that with only what is durable.
     number = max(3, min(12, round(2.0 * states / (len(models) * calls)) + 2))
     chosen = min(1.0, 2.0 * states / (number * len(models) * calls))
     for history, after, entry, call, promised in _crashes(life, models, ignore_syncs=ignore_syncs):
+        if after % share[1] != share[0]:
+            continue
         rng = random.Random(f"{seed} {history.disk.model} {after}")
         # Names are rare among writes, and are all crossed.
         if rng.random() > (chosen if entry.call in ("write", "fsync", "fdatasync") else 3.0 * chosen):
             continue
         for state in history.states(after, call, number, rng):
             found.built += 1
-            if state.digest in seen:
+            if state.digest in found.seen:
                 continue
-            seen.add(state.digest)
-            found.distinct += 1
-            found.calls[call] += 1
-            found.losses[state.model, state.loss] += 1
+            found.seen[state.digest] = (call, (state.model, state.loss))
             for promise in judge.broken(state, promised):
                 found.broken.append((after, state.model, state.loss, " ".join(call), promise))
-        found.salvaged, found.republished = judge.salvaged, judge.republished
         if stop_at is not None and len(found.broken) >= stop_at:
             break
+    found.salvaged, found.republished = found.salvaged + judge.salvaged, found.republished + judge.republished
+    shutil.rmtree(judge.places.root, ignore_errors=True)
+    return found
+
+
+def explore_shared(life: Recorded, states: int, workers: int, seconds: float) -> Found:
+    """Explore a life by several processes until so many states are found, or so many seconds are over.
+
+    They go over all calls in rounds, each with other calls and other losses.
+    """
+    found, until = Found(), time.monotonic() + seconds
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("fork")) as pool:
+        for part in pool.map(partial(_rounds, life, states, workers, until), range(workers)):
+            found.add(part)
+    return found
+
+
+def _rounds(life: Recorded, states: int, workers: int, until: float, worker: int) -> Found:
+    found, number = Found(), 0
+    while found.distinct < states / workers and time.monotonic() < until:
+        explore(life, _ROUND_STATES, seed=SEED + number, share=(worker, workers), found=found)
+        number += 1
     return found
 
 

@@ -33,7 +33,7 @@ FIRST_UTC, DAY_S = 1.7e9, 86400.0
 SECOND_DAY = "2023-11-15"
 """The day after that of ``FIRST_UTC``."""
 _CLI = "from monitor.cli import main; main()"
-_PATIENCE_S = 60.0
+_PATIENCE_S = 300.0
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,12 @@ class Places:
     """The folders of a life below its base; all but the configuration and the input is recorded."""
 
     base: Path
+    name: str = "root"
 
     @property
     def root(self) -> Path:
-        """The folder that is recorded."""
-        return self.base / "root"
+        """The folder that is recorded; states are built there, or in one with a name of the same length."""
+        return self.base / self.name
 
     @property
     def store(self) -> Path:
@@ -197,14 +198,20 @@ class _Recording:
 
 
 def blocks_of(store: Store) -> dict[str, str]:
-    """Return a digest of each record of a store, its content hash in it, by "source number"."""
-    return {f"{item.source} {item.sequence}": digest_of(repr(item)) for item in store.records()}
+    """Return a digest of each block and record of a store, its content hash in it, by "source number"."""
+    rows = store.rows(
+        "SELECT source || ' ' || sequence, content_hash, blocks.name, status, flags, reason, time, elapsed, axis_time,"
+        " layouts.layout, row FROM blocks JOIN records ON block = blocks.id"
+        " JOIN layouts ON layouts.id = records.layout"
+    )
+    return {name: digest_of(repr(values)) for name, *values in rows}
 
 
 def states_of(store: Store) -> dict[str, str]:
     """Return the block and a digest of the state of each stage, by its name."""
     rows = store.rows(
-        "SELECT stage_states.name, source, sequence, state FROM stage_states LEFT JOIN blocks ON blocks.id = stage_states.block"
+        "SELECT stage_states.name, source, sequence, state FROM stage_states"
+        " LEFT JOIN blocks ON blocks.id = stage_states.block"
     )
     return {name: f"{source} {sequence} {digest_of(state)}" for name, source, sequence, state in rows}
 
