@@ -256,7 +256,7 @@ def _has_sidecars(root: Path, files: Files) -> bool:
     if any((root / name).exists() for name in FOLDER_NAMES):
         return True
     several = {item.path.rpartition("/")[2] for item in files} if files.several else set[str]()
-    names = several or {path.name for path in root.iterdir()}
+    names = several or {path.name for path in (root.iterdir() if root.is_dir() else ())}
     return any(is_sidecar(name, names) for name in names)
 
 
