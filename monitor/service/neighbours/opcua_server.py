@@ -66,12 +66,11 @@ class MachineServer:
             OpcUaError: asyncua is missing, a file cannot be used, or the address is taken.
         """
         try:
-            from asyncua.server.server import Server
+            from monitor.service.neighbours.opcua_front import LimitedServer
         except ModuleNotFoundError:
             raise OpcUaError(MISSING) from None
         section = self._section
-        users: Any = _Users(section)
-        server = Server(user_manager=users)
+        server = LimitedServer(_Users(section))
         await server.init()
         server.set_endpoint(section.url)
         server.set_server_name(f"spallwatch {self._machine}")

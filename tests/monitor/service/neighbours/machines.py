@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from monitor.config.load import Config, load_config
 from monitor.health.record import Record
 from monitor.records.store import Store
+from monitor.service.neighbours.opcua_server import MachineServer
 from monitor.service.system import StatusFile
 from streams.types.block import STANDARD_GRAVITY
+from tests.support.waiting import PATIENCE_S, wait_until
 
 _CONFIG = """
 [machine]
@@ -105,3 +111,24 @@ class Machine:
         """Close store and status file."""
         self.store.close()
         self._status.close()
+
+
+@contextmanager
+def serving(machine: Machine) -> Iterator[str]:
+    """Serve a machine in a thread; give the address."""
+    loop = asyncio.new_event_loop()
+    found: list[dict[str, Any]] = []
+    section = machine.config.publish.opcua
+    assert section is not None
+    task = loop.create_task(MachineServer(machine.config, section, poll_s=0.05).serve(found.append))
+    thread = threading.Thread(target=lambda: loop.run_until_complete(asyncio.wait([task])))
+    thread.start()
+    try:
+        wait_until(lambda: found or task.done())
+        if task.done():
+            task.result()
+        yield found[0]["url"]
+    finally:
+        loop.call_soon_threadsafe(task.cancel)
+        thread.join(PATIENCE_S)
+        loop.close()

@@ -5,9 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import sys
-import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +29,8 @@ from monitor.config.machine import OpcUaCondition
 from monitor.desk.judge.problems import find_problems
 from monitor.service.companions import Companions
 from monitor.service.neighbours.condition import follow
-from monitor.service.neighbours.opcua_server import MachineServer, OpcUaError
-from tests.monitor.service.neighbours.machines import Machine
+from monitor.service.neighbours.opcua_server import OpcUaError
+from tests.monitor.service.neighbours.machines import Machine, serving
 from tests.support.daemons import free_port
 from tests.support.effort import effort_count
 from tests.support.waiting import PATIENCE_S, wait_until
@@ -51,27 +49,6 @@ def make_rsa_certificate(folder: Path, name: str) -> tuple[Path, Path]:
     key.write_bytes(dump_private_key_as_pem(private))
     cert.write_bytes(made.public_bytes(Encoding.PEM))
     return cert, key
-
-
-@contextmanager
-def serving(machine: Machine) -> Iterator[str]:
-    """Serve a machine in a thread; give the address."""
-    loop = asyncio.new_event_loop()
-    found: list[dict[str, Any]] = []
-    section = machine.config.publish.opcua
-    assert section is not None
-    task = loop.create_task(MachineServer(machine.config, section, poll_s=0.05).serve(found.append))
-    thread = threading.Thread(target=lambda: loop.run_until_complete(asyncio.wait([task])))
-    thread.start()
-    try:
-        wait_until(lambda: found or task.done())
-        if task.done():
-            task.result()
-        yield found[0]["url"]
-    finally:
-        loop.call_soon_threadsafe(task.cancel)
-        thread.join(PATIENCE_S)
-        loop.close()
 
 
 STRANGER = {"cert": "stranger.pem", "key": "stranger-key.pem"}
@@ -287,6 +264,7 @@ def test_without_encryption_there_is_no_way_in(encrypted: tuple[Machine, str, Pa
 def test_without_the_library_it_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     machine = Machine(tmp_path, "[publish.opcua]\n")
     monkeypatch.setitem(sys.modules, "asyncua.server.server", None)
+    monkeypatch.delitem(sys.modules, "monitor.service.neighbours.opcua_front", raising=False)
     with pytest.raises(OpcUaError, match=r'pip install "spallwatch\[opcua\]"'), serving(machine):
         pass
     machine.close()

@@ -1,0 +1,156 @@
+"""What all listeners share: who a client is, how many connections it may hold, which one makes room, and how often.
+
+The page, the TCP receiver and the OPC UA server use it; the table of their limits is in docs/reference/daemon.md.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import time
+from collections import Counter
+from collections.abc import Callable, Hashable
+from typing import Generic, TypeVar
+
+from models.words.errors import SpallwatchError
+
+Connection = TypeVar("Connection", bound=Hashable)
+
+FREE_GUESSES = 5
+"""Wrong secrets of a client that cost no delay: a person mistypes."""
+FORGET_S = 900.0
+_FIRST_DELAY_S, _MAX_DELAY_S = 1.0, 30.0
+_MAX_CLIENTS = 10_000
+
+
+def client_of(address: str) -> str:
+    """Return who is counted as one client: an IPv4 address, or the /64 of an IPv6 address, which one machine may have.
+
+    What is no numerical address, such as the name of a local socket, is returned as it is.
+    """
+    try:
+        found = ipaddress.ip_address(address.partition("%")[0])
+    except ValueError:
+        return address
+    if isinstance(found, ipaddress.IPv4Address):
+        return str(found)
+    if found.ipv4_mapped is not None:
+        return str(found.ipv4_mapped)
+    return str(ipaddress.IPv6Network((int(found) >> 64 << 64, 64)))
+
+
+class FullError(SpallwatchError):
+    """No connection may end so that another one fits."""
+
+
+class Door(Generic[Connection]):
+    """The open connections of a listener by client; used in one thread.
+
+    ``idleness`` gives how readily a connection makes room: its class, the least first, and since when it is idle, s;
+    None where it is not to be ended.
+    """
+
+    def __init__(
+        self, in_all: int, per_client: int, idleness: Callable[[Connection], tuple[int, float] | None]
+    ) -> None:
+        """Keep the limits; nothing is open yet."""
+        self.in_all, self.per_client = in_all, per_client
+        self._idleness = idleness
+        self._client: dict[Connection, str] = {}
+        self._counts: Counter[str] = Counter()
+        self.events: Counter[str] = Counter()
+        """How often a connection was "taken", "replaced" by a newer one or "refused"."""
+
+    def __len__(self) -> int:
+        """Return the number of open connections."""
+        return len(self._client)
+
+    def room_for(self, address: str) -> Connection | None:
+        """Return which connection is to end so that one of ``address`` fits; None where it fits.
+
+        Of those that are as idle, the one of the client with the most connections goes first.
+
+        Raises:
+            FullError: none of them is to be ended.
+        """
+        client = client_of(address)
+        full = self._counts[client] >= self.per_client
+        if not full and len(self._client) < self.in_all:
+            return None
+        found: list[tuple[int, int, float, int]] = []
+        connections = list(self._client)
+        for place, connection in enumerate(connections):
+            owner, idleness = self._client[connection], self._idleness(connection)
+            if idleness is not None and (owner == client or not full):
+                found.append((idleness[0], -self._counts[owner], idleness[1], place))
+        if not found:
+            self.events["refused"] += 1
+            raise FullError(f"{client}: one connection too many")
+        self.events["replaced"] += 1
+        return connections[min(found)[3]]
+
+    def add(self, connection: Connection, address: str) -> None:
+        """Count a connection from now on."""
+        self._client[connection] = client_of(address)
+        self._counts[client_of(address)] += 1
+        self.events["taken"] += 1
+
+    def remove(self, connection: Connection) -> None:
+        """Count a connection no more; an unknown one is ignored."""
+        client = self._client.pop(connection, None)
+        if client is not None:
+            self._counts[client] -= 1
+            if not self._counts[client]:
+                del self._counts[client]
+
+
+class Bucket:
+    """So many events a second, and more at once after a silence."""
+
+    def __init__(self, per_s: float, burst: float, monotonic: Callable[[], float] = time.monotonic) -> None:
+        """Begin with a whole burst."""
+        self._per_s, self._burst, self._monotonic = per_s, burst, monotonic
+        self._left, self._at = burst, monotonic()
+
+    def take(self) -> float:
+        """Take one event; return the seconds to wait before the next, 0 where there is none to wait."""
+        now = self._monotonic()
+        self._left = min(self._burst, self._left + (now - self._at) * self._per_s) - 1.0
+        self._at = now
+        return max(-self._left / self._per_s, 0.0)
+
+
+class Guesses:
+    """Counts the wrong secrets of each client in a row, and says how long its next one waits.
+
+    After the free ones the delay doubles up to half a minute; a right secret, or a quarter of an hour, ends it.
+    """
+
+    def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
+        """Count nothing yet."""
+        self._monotonic = monotonic
+        self._counts: dict[str, tuple[int, float]] = {}
+
+    def count(self, client: str) -> int:
+        """Return the wrong secrets of a client in a row."""
+        count, last = self._counts.get(client, (0, 0.0))
+        return count if self._monotonic() - last < FORGET_S else 0
+
+    def delay(self, client: str) -> float:
+        """Return the seconds until the next secret of a client is looked at."""
+        over = self.count(client) - FREE_GUESSES
+        if over < 0:
+            return 0.0
+        wanted = min(_FIRST_DELAY_S * 2.0 ** min(over, 30), _MAX_DELAY_S)
+        return max(self._counts[client][1] + wanted - self._monotonic(), 0.0)
+
+    def wrong(self, client: str) -> None:
+        """Note a wrong secret."""
+        count = self.count(client)
+        self._counts.pop(client, None)
+        while len(self._counts) >= _MAX_CLIENTS:
+            self._counts.pop(next(iter(self._counts)))
+        self._counts[client] = (count + 1, self._monotonic())
+
+    def right(self, client: str) -> None:
+        """Note a right secret."""
+        self._counts.pop(client, None)
