@@ -54,7 +54,8 @@ def add(name: str, role: str, invited: bool, config_path: Path | None, as_json: 
     The password is asked for twice, or is the first line of standard input where that is no terminal. A viewer reads,
     an operator acknowledges, too, an admin invites users, too. A running page knows the change at once.
     """
-    from monitor.web.users import User, changed_users, check_name, check_new_password, hash_password
+    from monitor.web.passwords import check_new_password, hash_password
+    from monitor.web.users import User, changed_users, check_name
 
     _, path, _ = _web_of(config_path)
     try:

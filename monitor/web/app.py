@@ -129,6 +129,7 @@ class Site:
         self._ending.set()
         for threads in (self._threads, self._health_thread, self._desk_thread):
             threads.shutdown(wait=True, cancel_futures=True)
+        self.keeper.close()
         self.hub.close()
         self._upkeep.join(_JOIN_S)
         for machine in self.machines:

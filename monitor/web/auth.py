@@ -9,23 +9,26 @@ import os
 import secrets
 import stat
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager, suppress
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from models.platform.portable import NO_LINK, NO_WAIT, others_may
 from models.words.errors import SpallwatchError
+from monitor.web.turns import CHECKS, SignInError, Turns
 from monitor.web.users import Role, User, Users
+from streams.link.front import client_of
 
 _MIN_TOKEN_CHARACTERS = 16
 _MAX_SESSIONS = 1000
 _SESSION_S = 12 * 3600.0
 _WRONG_TOKEN_S = 1.0
-_MAX_WAITING = 8
-MAX_WRONG_PASSWORDS, LOCKED_S = 5, 900.0
-"""Wrong passwords in a row after which a name is locked, and for how long after the last one."""
-_MAX_NAMES = 1000
+_MAX_HELD = 64
+"""Answers to wrong tokens and codes that are held back at the same time; beyond, they are refused at once."""
+_MAX_REMEMBERED = 1000
 
 
 class TokenError(SpallwatchError):
@@ -106,37 +109,16 @@ class _Session:
     password: bytes = b""
 
 
-class WrongPasswords:
-    """Counts the wrong passwords of each name, known or not, and locks it after several in a row."""
+@dataclass(frozen=True)
+class Caller:
+    """Who tries to sign in: the address, the cookie of a browser that was signed in before, and whether it is now."""
 
-    def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
-        """Count nothing yet."""
-        self._monotonic = monotonic
-        self._counts: dict[str, tuple[int, float]] = {}
-
-    def locked(self, name: str) -> bool:
-        """Return whether a name is locked at present."""
-        count, last = self._counts.get(name, (0, 0.0))
-        return count >= MAX_WRONG_PASSWORDS and self._monotonic() - last < LOCKED_S
-
-    def note(self, name: str, *, right: bool) -> None:
-        """Note a password; a right one, or a quarter of an hour, makes the earlier ones forgotten."""
-        count, last = self._counts.pop(name, (0, 0.0))
-        if right:
-            return
-        count = count if self._monotonic() - last < LOCKED_S else 0
-        while len(self._counts) >= _MAX_NAMES:
-            self._counts.pop(next(iter(self._counts)))
-        self._counts[name] = (count + 1, self._monotonic())
+    address: str = ""
+    device: str = ""
+    signed_in: bool = False
 
 
-class SignInError(SpallwatchError):
-    """A sign-in that is refused: HTTP status and one sentence."""
-
-    def __init__(self, status: int, sentence: str) -> None:
-        """Take status and sentence."""
-        super().__init__(sentence)
-        self.status, self.sentence = status, sentence
+STRANGER = Caller()
 
 
 class Doorkeeper:
@@ -147,10 +129,12 @@ class Doorkeeper:
         self._digest = _digest(token)
         self._monotonic = monotonic
         self.users = users
-        self._wrong = WrongPasswords(monotonic)
+        self._turns = Turns(monotonic)
+        self._hashing = ThreadPoolExecutor(CHECKS, "passwords")
+        self._right: dict[str, None] = {}
         self._sessions: dict[bytes, _Session] = {}
-        self._penalty = asyncio.Lock()
-        self._waiting = 0
+        self._held = 0
+        self._device_key = hmac.digest(token.encode(), b"devices", "sha256")
 
     def is_token(self, token: str) -> bool:
         """Return whether this is the token, in a time that does not depend on where it differs."""
@@ -187,66 +171,96 @@ class Doorkeeper:
             return None
         return Visitor(user.name, user.role)
 
-    async def sign_in(self, name: str, password: str) -> User:
-        """Return the user of a name and a password, which are checked one at a time.
+    async def sign_in(self, name: str, password: str, caller: Caller = STRANGER) -> User:
+        """Return the user of a name and a password.
+
+        Wrong passwords are counted by name and client, and by browser for one that signed in by this name before, so
+        that a stranger's make none wait but the stranger's next.
 
         Raises:
-            SignInError: 401 they are wrong, said after a second; 429 the name is locked, or too many wait.
+            SignInError: 401 they are wrong, said after a second; 429 too many wait.
         """
-        async with self._turn():
-            if self._wrong.locked(name):
-                raise SignInError(429, f"too many wrong passwords for this name; wait {LOCKED_S / 60:.0f} minutes")
-            users = self.users
-            right = users is not None and await asyncio.to_thread(users.is_password, name, password)
-            user = None if users is None else users.all().get(name)
-            self._wrong.note(name, right=right)
-            if not right or user is None:
-                await asyncio.sleep(_WRONG_TOKEN_S)
-                raise SignInError(401, "name or password is wrong")
-            return user
+        client, device = client_of(caller.address), self._device(caller.device, name)
+        key = f"{client} {_digest(name).hex()}" if device is None else f"device {device}"
+        known = caller.signed_in or device is not None or key in self._right
+        async with self._turns.turn(client, key, known=known):
+            user = await asyncio.get_running_loop().run_in_executor(self._hashing, self._check, name, password)
+            if user is None:
+                self._turns.guesses.wrong(key)
+            else:
+                self._turns.guesses.right(key)
+                self._right.pop(key, None)
+                self._right[key] = None
+        while len(self._right) > _MAX_REMEMBERED:
+            self._right.pop(next(iter(self._right)))
+        if user is None:
+            await asyncio.sleep(_WRONG_TOKEN_S)
+            raise SignInError(401, "name or password is wrong")
+        return user
+
+    def _check(self, name: str, password: str) -> User | None:
+        """Return the user whose name and password these are; runs in a thread of the pool."""
+        if self.users is None or not self.users.is_password(name, password):
+            return None
+        self.users.renew(name, password)
+        return self.users.all().get(name)
 
     async def redeem(self, code: str, password: str) -> User:
-        """Return the user whom a code invites, with the new password.
+        """Return the user whom a code invites, with the new password; only a right code costs a hash.
 
         Raises:
             SignInError: 400 the password is too short or too long; 401 the code invites nobody, said after a second;
                 429 too many wait.
             UsersError: the file of users cannot be changed.
         """
-        async with self._turn():
-            try:
-                user = None if self.users is None else await asyncio.to_thread(self.users.redeem, code, password)
-            except ValueError as error:
-                raise SignInError(400, str(error)) from None
-            if user is None:
-                await asyncio.sleep(_WRONG_TOKEN_S)
-                raise SignInError(401, "this code is wrong, used or older than a day; ask for a new one")
-            return user
+        user = None
+        if self.users is not None and self.users.invited(code) is not None:
+            async with self._turns.turn("", "code", known=True):
+                redeem = partial(self.users.redeem, code, password)
+                try:
+                    user = await asyncio.get_running_loop().run_in_executor(self._hashing, redeem)
+                except ValueError as error:
+                    raise SignInError(400, str(error)) from None
+        if user is None:
+            if not await self.delay_wrong_token():
+                raise SignInError(429, "too many wrong codes; try again later")
+            raise SignInError(401, "this code is wrong, used or older than a day; ask for a new one")
+        return user
 
-    @asynccontextmanager
-    async def _turn(self) -> AsyncIterator[None]:
-        """Let one attempt through at a time; :class:`SignInError` 429 if too many wait already."""
-        if self._waiting >= _MAX_WAITING:
-            raise SignInError(429, "too many try to sign in; try again later")
-        self._waiting += 1
-        try:
-            async with self._penalty:
-                yield
-        finally:
-            self._waiting -= 1
+    def device_cookie(self, user: User) -> str:
+        """Return what a browser that signed in by a name shows at its next sign-in; another password ends it."""
+        nonce = secrets.token_urlsafe(12)
+        return f"{nonce}.{self._device_sign(user, nonce)}"
+
+    def _device_sign(self, user: User, nonce: str) -> str:
+        return hmac.digest(self._device_key, f"{nonce} {user.name} {user.password}".encode(), "sha256").hex()
+
+    def _device(self, cookie: str, name: str) -> str | None:
+        """Return the nonce of a browser that signed in by this name before, or None."""
+        nonce, _, given = cookie.partition(".")
+        user = None if self.users is None else self.users.all().get(name)
+        if user is None or not user.password or not given.isascii():
+            return None
+        return nonce if hmac.compare_digest(given, self._device_sign(user, nonce)) else None
 
     def close_session(self, secret: str) -> None:
         """End a session; an unknown one is ignored."""
         self._sessions.pop(_digest(secret), None)
 
     async def delay_wrong_token(self) -> bool:
-        """Delay the answer to a wrong token, one at a time; return False at once if too many wait already."""
-        try:
-            async with self._turn():
-                await asyncio.sleep(_WRONG_TOKEN_S)
-        except SignInError:
+        """Delay the answer to a wrong token or code; return False at once if too many are delayed already."""
+        if self._held >= _MAX_HELD:
             return False
+        self._held += 1
+        try:
+            await asyncio.sleep(_WRONG_TOKEN_S)
+        finally:
+            self._held -= 1
         return True
+
+    def close(self) -> None:
+        """End the threads."""
+        self._hashing.shutdown(wait=True, cancel_futures=True)
 
     def _forget_old(self) -> None:
         now = self._monotonic()

@@ -18,11 +18,14 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from monitor.config.outputs import WebSection
 from monitor.web.answers import json_object, without_folders
-from monitor.web.auth import Doorkeeper, SignInError, Visitor
+from monitor.web.auth import Caller, Doorkeeper, Visitor
+from monitor.web.turns import SignInError
 from monitor.web.users import User, UsersError, invite
 from monitor.words.events import utc_text
 
 MAX_BODY_BYTES = 8192
+DEVICE_S = 180 * 86_400
+"""How long a browser that signed in by name is known, so that the guesses of others do not delay it."""
 _MAX_HEAD_BYTES, _MAX_TARGET_BYTES = 8192, 2048
 _MAX_ANSWER_S, _MAX_SEND_S = 30.0, 20.0
 _OPEN = ("/", "/login", "/logout", "/api/session", "/readyz")
@@ -243,11 +246,17 @@ async def _refuse(scope: Scope, receive: Receive, send: Send, refusal: _Refusal)
 
 def sign_in_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
     """Return the addresses; a cookie that scripts cannot read takes the place of the token or the password."""
+    device = f"{doors.cookie}-device"
 
     async def login(request: Request) -> Response:
         given = json_object((await request.body())[:MAX_BODY_BYTES]) or {}
+        caller = Caller(
+            "" if request.client is None else request.client.host,
+            request.cookies.get(device, ""),
+            request.state.visitor is not None,
+        )
         try:
-            user = await _user_of(keeper, given)
+            user = await _user_of(keeper, given, caller)
         except SignInError as error:
             return _error(error.status, error.sentence)
         except UsersError as error:
@@ -255,6 +264,11 @@ def sign_in_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
         response = Response(status_code=204, headers=NOT_KEPT)
         secret = keeper.open_session(user)
         response.set_cookie(doors.cookie, secret, httponly=True, samesite="strict", secure=doors.secure, path="/")
+        if user is not None:
+            shown = keeper.device_cookie(user)
+            response.set_cookie(
+                device, shown, DEVICE_S, httponly=True, samesite="strict", secure=doors.secure, path="/login"
+            )
         return response
 
     async def logout(request: Request) -> Response:
@@ -302,11 +316,11 @@ def sign_in_routes(doors: Doors, keeper: Doorkeeper) -> list[Route]:
     ]
 
 
-async def _user_of(keeper: Doorkeeper, given: dict[str, Any]) -> User | None:
+async def _user_of(keeper: Doorkeeper, given: dict[str, Any], caller: Caller) -> User | None:
     """Return who signs in, None for the holder of the token; :class:`SignInError` where that is refused."""
     token, name, code, password = (given.get(key) for key in ("token", "name", "code", "password"))
     if isinstance(name, str) and isinstance(password, str):
-        return await keeper.sign_in(name, password)
+        return await keeper.sign_in(name, password, caller)
     if isinstance(code, str) and isinstance(password, str):
         return await keeper.redeem(code.strip(), password)
     if not isinstance(token, str):

@@ -1,8 +1,8 @@
 """Users of the page: names, roles and hashes of passwords in a file that the page and ``spallwatch user`` share.
 
 A CSV file with the columns ``name,role,password,invite,invite_until_utc_s``, readable by its owner and group only.
-It is replaced as a whole, and read again when it has changed. Passwords are kept as scrypt hashes, codes of
-invitations as their SHA-256 digests.
+It is replaced as a whole, and read again when it has changed. Passwords are kept as hashes (passwords.py),
+codes of invitations as their SHA-256 digests.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import os
 import secrets
 import stat
 import time
-from base64 import b64decode, b64encode
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Literal, cast, get_args
 
 from models.words.errors import WrongInputError
+from monitor.web.passwords import check_new_password, hash_password, is_password, is_present
 
 Role = Literal["viewer", "operator", "admin"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -30,13 +30,9 @@ ROLES: tuple[Role, ...] = get_args(Role)
 USERS_FILE = "web.users"
 """In the folder of the token, where no other is configured."""
 INVITE_S = 24 * 3600.0
-MIN_PASSWORD_CHARACTERS, MAX_PASSWORD_CHARACTERS = 10, 200
 _MAX_NAME_CHARACTERS = 64
 _MAX_FILE_BYTES = 1 << 20
 _COLUMNS = ("name", "role", "password", "invite", "invite_until_utc_s")
-_N, _R, _P, _KEY_BYTES, _SALT_BYTES = 1 << 14, 8, 1, 32, 16
-"""Cost of scrypt: 16 MB and some 50 ms a password."""
-_MAX_N = 1 << 20
 _LOCK_WAIT_S, _LOCK_STALE_S, _LOCK_POLL_S = 5.0, 30.0, 0.02
 _LOG = logging.getLogger(__name__)
 
@@ -67,41 +63,6 @@ def check_name(name: str) -> str:
     if not 0 < len(name) <= _MAX_NAME_CHARACTERS or name != name.strip() or not name.isprintable():
         raise ValueError(f"a name has 1 to {_MAX_NAME_CHARACTERS} printable characters and no blanks around them")
     return name
-
-
-def check_new_password(password: str) -> str:
-    """Return a password that may be set; raise ValueError where it is too short or too long."""
-    if not MIN_PASSWORD_CHARACTERS <= len(password) <= MAX_PASSWORD_CHARACTERS:
-        raise ValueError(f"a password has {MIN_PASSWORD_CHARACTERS} to {MAX_PASSWORD_CHARACTERS} characters")
-    return password
-
-
-def hash_password(password: str) -> str:
-    """Return ``scrypt$N$R$P$SALT$KEY`` of a password, with a new salt."""
-    salt = secrets.token_bytes(_SALT_BYTES)
-    parts = (b64encode(part).decode() for part in (salt, _derive(password, salt, _N, _R, _P)))
-    return "$".join(("scrypt", str(_N), str(_R), str(_P), *parts))
-
-
-def is_password(password: str, stored: str) -> bool:
-    """Return whether a password is that of a hash; another hash, also "", takes as long and is that of none."""
-    try:
-        kind, *costs, salt, key = stored.split("$")
-        n, r, p = (int(cost) for cost in costs)
-        known = kind == "scrypt" and 1 < n <= _MAX_N and 0 < r <= 32 and 0 < p <= 16
-        given = (b64decode(salt, validate=True), b64decode(key, validate=True))
-    except ValueError:
-        known, n, r, p, given = False, _N, _R, _P, (b"", b"")
-    if not known:
-        n, r, p, given = _N, _R, _P, (bytes(_SALT_BYTES), bytes(_KEY_BYTES))
-    found = _derive(password[: MAX_PASSWORD_CHARACTERS + 1], given[0], n, r, p)
-    return hmac.compare_digest(found, given[1]) and known
-
-
-def _derive(password: str, salt: bytes, n: int, r: int, p: int) -> bytes:
-    memory = 2 * 128 * n * r * p
-    given = password.encode("utf-8", "surrogatepass")
-    return hashlib.scrypt(given, salt=salt, n=n, r=r, p=p, maxmem=memory, dklen=_KEY_BYTES)
 
 
 def digest_of_code(code: str) -> str:
@@ -263,6 +224,26 @@ class Users:
         user = self.all().get(name)
         return is_password(password, "" if user is None else user.password)
 
+    def renew(self, name: str, password: str) -> None:
+        """Store a right password anew where its hash is of an earlier version; a failure is logged, and tried again."""
+        before = self.all().get(name)
+        if before is None or is_present(before.password):
+            return
+        try:
+            stored = hash_password(password)
+            with changed_users(self.path) as users:
+                if users.get(name) == before:
+                    users[name] = replace(before, password=stored)
+        except UsersError as error:
+            _LOG.warning("the hash of a password stays as it is: %s", error)
+
+    def invited(self, code: str) -> User | None:
+        """Return the user whom a code invites at present, or None."""
+        given, now = digest_of_code(code), self._clock()
+        # All are compared, so that the time says nothing of them.
+        found = [user for user in self.all().values() if hmac.compare_digest(user.invite or "-" * 64, given)]
+        return found[0] if found and found[0].invite_until >= now else None
+
     def redeem(self, code: str, password: str) -> User | None:
         """Set the password of the user whom a code invites, and use the code up; None for one that invites nobody.
 
@@ -270,15 +251,13 @@ class Users:
             ValueError: the password is too short or too long; the code stays valid.
             UsersError: the file cannot be changed.
         """
-        given, now = digest_of_code(code), self._clock()
-        # All are compared, so that the time says nothing of them.
-        invited = [user for user in self.all().values() if hmac.compare_digest(user.invite or "-" * 64, given)]
-        if not invited or invited[0].invite_until < now:
+        invited = self.invited(code)
+        if invited is None:
             return None
         stored = hash_password(check_new_password(password))
         with changed_users(self.path) as users:
-            user = users.get(invited[0].name)
-            if user is None or not hmac.compare_digest(user.invite or "-", given):
+            user = users.get(invited.name)
+            if user is None or not hmac.compare_digest(user.invite or "-", digest_of_code(code)):
                 return None
             users[user.name] = replace(user, password=stored, invite="", invite_until=0.0)
         return users[user.name]

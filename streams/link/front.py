@@ -18,7 +18,7 @@ Connection = TypeVar("Connection", bound=Hashable)
 FREE_GUESSES = 5
 """Wrong secrets of a client that cost no delay: a person mistypes."""
 FORGET_S = 900.0
-_FIRST_DELAY_S, _MAX_DELAY_S = 1.0, 30.0
+_FIRST_DELAY_S, _MAX_DELAY_S = 1.0, 5.0
 _MAX_CLIENTS = 10_000
 
 
@@ -122,7 +122,7 @@ class Bucket:
 class Guesses:
     """Counts the wrong secrets of each client in a row, and says how long its next one waits.
 
-    After the free ones the delay doubles up to half a minute; a right secret, or a quarter of an hour, ends it.
+    After the free ones the delay doubles up to 5 s; a right secret, or a quarter of an hour, ends it.
     """
 
     def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:

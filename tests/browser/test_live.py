@@ -12,7 +12,8 @@ import pytest
 from playwright.sync_api import expect
 
 from monitor.records.events import EventLog
-from monitor.web.users import User, changed_users, hash_password, invite
+from monitor.web.passwords import hash_password
+from monitor.web.users import User, changed_users, invite
 from tests.browser.conftest import Visitor
 from tests.browser.machine import Served, channel_name
 from tests.support.effort import effort_count

@@ -8,7 +8,7 @@ import http.client
 import json
 import socket
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +37,7 @@ class Reply:
     status: int
     headers: Mapping[str, str]
     body: bytes
+    cookies: Sequence[str] = ()
 
     @property
     def json(self) -> dict[str, Any]:
@@ -65,8 +66,9 @@ class Page:
         try:
             connection.request(method, path, body, dict(headers or {}))
             answer = connection.getresponse()
-            found = {key.lower(): value for key, value in answer.getheaders()}
-            return Reply(answer.status, found, answer.read())
+            # Of several of the same name, the first; the cookie of the session comes before the other.
+            found = {key.lower(): value for key, value in reversed(answer.getheaders())}
+            return Reply(answer.status, found, answer.read(), answer.headers.get_all("set-cookie") or [])
         finally:
             connection.close()
 

@@ -12,7 +12,8 @@ import pytest
 import monitor.web.desk as desk
 from monitor.config.load import load_config
 from monitor.config.outputs import WebSection
-from monitor.web.users import Role, User, changed_users, hash_password
+from monitor.web.passwords import hash_password
+from monitor.web.users import Role, User, changed_users
 from tests.support.pages import Page, Reply, page_of
 from tests.support.security import machine_with_event
 

@@ -3,28 +3,35 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
 import json
 import os
 import stat
 import threading
+from base64 import b64encode
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import monitor.web.auth as auth
-import monitor.web.users as module
+import monitor.web.passwords as passwords
+import streams.link.front as front
 from monitor.cli import spallwatch
 from monitor.config.load import load_config
 from monitor.config.outputs import WebSection
 from monitor.records.events import EventLog
-from monitor.web.auth import LOCKED_S, MAX_WRONG_PASSWORDS, Doorkeeper, SignInError, Visitor, WrongPasswords
-from monitor.web.users import User, Users, UsersError, changed_users, hash_password, invite, is_password, read_users
+from monitor.web.auth import STRANGER, Caller, Doorkeeper, Visitor
+from monitor.web.passwords import hash_password, is_password
+from monitor.web.turns import MAX_OF_KEY, SignInError
+from monitor.web.users import User, Users, UsersError, changed_users, invite, read_users
+from streams.link.front import FREE_GUESSES
 from tests.support.pages import Page, Reply, page_of
 from tests.support.security import machine_with_event
+from tests.support.waiting import PATIENCE_S
 
 PASSWORD = "correct horse battery"
 HASH = hash_password(PASSWORD)
@@ -101,61 +108,147 @@ def test_a_viewer_reads_and_an_operator_invites_nobody(served: tuple[Page, Path]
         assert page.ask("/api/users", headers={"cookie": cookie}).status == status
         assert acknowledge(page, cookie, "/api/users/invite", name="Ben").status == status
     assert page.ask("/api/users").status == 401
-    assert b"scrypt" not in page.ask("/api/users", headers={"authorization": page.bearer}).body
+    assert b"argon2id" not in page.ask("/api/users", headers={"authorization": page.bearer}).body
 
 
-def test_a_wrong_password_is_refused_and_soon_locks_the_name(served: tuple[Page, Path]) -> None:
+def test_wrong_passwords_keep_nobody_out(served: tuple[Page, Path]) -> None:
     page, users = served
     put(users, User("Eve", "operator", HASH), ADA)
-    answers = [sign_in(page, "Eve", "wrong password").status for _ in range(MAX_WRONG_PASSWORDS)]
-    assert answers == [401] * MAX_WRONG_PASSWORDS
-    # The right one does not open a locked name; an unknown name is answered in the same way.
-    assert sign_in(page, "Eve").status == 429
-    unknown = [sign_in(page, "Nobody").status for _ in range(MAX_WRONG_PASSWORDS + 1)]
-    assert unknown == [*[401] * MAX_WRONG_PASSWORDS, 429]
+    answers = [sign_in(page, "Eve", "wrong password").status for _ in range(FREE_GUESSES + 1)]
+    assert answers == [401] * len(answers)
+    # The right one is checked as soon as the delay is over; an unknown name is answered in the same way.
+    assert sign_in(page, "Eve").status == 204
+    assert [sign_in(page, "Nobody").status for _ in range(3)] == [401] * 3
     assert sign_in(page, "Ada").status == 204
-    # The token goes on.
     assert page.post("/login", {"token": page.token}).status == 204
     for wrong in ({"name": "Ada"}, {"name": "Ada", "password": 1}, {"name": 1, "password": PASSWORD}):
         assert page.post("/login", wrong).status == 400
 
 
-def test_a_name_is_locked_for_a_while() -> None:
-    now = [0.0]
-    wrong = WrongPasswords(lambda: now[0])
-    for _ in range(MAX_WRONG_PASSWORDS - 1):
-        wrong.note("a", right=False)
-    assert not wrong.locked("a")
-    wrong.note("a", right=False)
-    assert wrong.locked("a")
-    assert not wrong.locked("b")
-    now[0] = LOCKED_S
-    assert not wrong.locked("a")
-    wrong.note("a", right=False)
-    assert not wrong.locked("a")
-    for _ in range(MAX_WRONG_PASSWORDS):
-        wrong.note("b", right=False)
-    wrong.note("b", right=True)
-    assert not wrong.locked("b")
+def test_a_browser_that_signed_in_by_a_name_shows_it_again(served: tuple[Page, Path]) -> None:
+    page, users = served
+    put(users, ADA, BEN)
+    session, device = sign_in(page, "Ada").cookies
+    assert session.startswith(f"spallwatch-{page.port}=")
+    name, *rules = (part.strip() for part in device.split(";"))
+    assert name.startswith(f"spallwatch-{page.port}-device=")
+    assert {"HttpOnly", "SameSite=strict", "Path=/login"} <= set(rules)
+    # It is no session, and the token has none.
+    assert page.ask("/api/machines", headers={"cookie": name}).status == 401
+    assert len(page.post("/login", {"token": page.token}).cookies) == 1
 
 
-def test_parallel_attempts_do_not_outrun_the_lock(path: Path) -> None:
+def keeper_of(path: Path) -> Doorkeeper:
+    return Doorkeeper("a token of some length", Users(path))
+
+
+async def status_of(keeper: Doorkeeper, name: str, password: str, caller: Caller = STRANGER) -> int:
+    try:
+        await keeper.sign_in(name, password, caller)
+    except SignInError as error:
+        return error.status
+    return 204
+
+
+def test_guesses_are_counted_by_client_and_name(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    put(path, ADA, BEN)
+    # A delay that is never over.
+    monkeypatch.setattr(front, "_FIRST_DELAY_S", 1e6)
+    monkeypatch.setattr(front, "_MAX_DELAY_S", 1e6)
+    keeper = keeper_of(path)
+    device = keeper.device_cookie(ADA)
+
+    async def run() -> None:
+        stranger = Caller("192.0.2.1")
+        for _ in range(FREE_GUESSES):
+            assert await status_of(keeper, "Ada", "wrong", stranger) == 401
+        waiting = [asyncio.create_task(status_of(keeper, "Ada", PASSWORD, stranger)) for _ in range(MAX_OF_KEY)]
+        await asyncio.sleep(0)
+        # What more comes is refused; other clients, other names and browsers that are known do not wait.
+        assert await status_of(keeper, "Ada", PASSWORD, stranger) == 429
+        for name, caller in (
+            ("Ada", Caller("192.0.2.2")),
+            ("Ada", Caller("2001:db8::1")),
+            ("Ben", stranger),
+            ("Ada", Caller("192.0.2.1", device)),
+        ):
+            assert await status_of(keeper, name, PASSWORD, caller) == 204
+        # The browser of one name, or with another password, is not known.
+        put(path, User("Ada", "operator", hash_password("another password")), BEN)
+        assert keeper._device(device, "Ada") is None
+        assert keeper._device(keeper.device_cookie(BEN), "Ada") is None
+        assert not any(task.done() for task in waiting)
+        for task in waiting:
+            task.cancel()
+        await asyncio.gather(*waiting, return_exceptions=True)
+
+    asyncio.run(run())
+    keeper.close()
+
+
+def test_parallel_attempts_do_not_outrun_the_delay(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     put(path, ADA)
-    keeper = Doorkeeper("a token of some length", Users(path))
+    monkeypatch.setattr(front, "_FIRST_DELAY_S", 1e6)
+    monkeypatch.setattr(front, "_MAX_DELAY_S", 1e6)
+    keeper = keeper_of(path)
+    checked: list[str] = []
+    check = keeper._check
+    monkeypatch.setattr(keeper, "_check", lambda name, password: checked.append(password) or check(name, password))
 
-    async def attempt(password: str) -> int:
-        try:
-            await keeper.sign_in("Ada", password)
-        except SignInError as error:
-            return error.status
-        return 204
+    async def run() -> None:
+        tasks: list[asyncio.Task[int]] = []
+        async with asyncio.timeout(PATIENCE_S):
+            while len(checked) < FREE_GUESSES:
+                tasks += [asyncio.create_task(status_of(keeper, "Ada", "wrong")) for _ in range(MAX_OF_KEY)]
+                await asyncio.sleep(0.01)
+        await asyncio.sleep(0.3)
+        assert len(checked) == FREE_GUESSES
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
-    async def run() -> list[int]:
-        return await asyncio.gather(*(attempt("wrong") for _ in range(7)), attempt(PASSWORD), attempt(PASSWORD))
+    asyncio.run(run())
+    keeper.close()
 
-    found = asyncio.run(run())
-    assert found[:MAX_WRONG_PASSWORDS] == [401] * MAX_WRONG_PASSWORDS
-    assert found[MAX_WRONG_PASSWORDS:] == [429] * 4
+
+def test_wrong_tokens_and_codes_take_no_place_of_a_sign_in(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    put(path, ADA)
+    monkeypatch.setattr(auth, "_WRONG_TOKEN_S", 1e6)
+    keeper = keeper_of(path)
+    code, _ = invite(path, "Ada")
+
+    async def run() -> None:
+        held = [asyncio.create_task(keeper.delay_wrong_token()) for _ in range(200)]
+        await asyncio.sleep(0)
+        assert sum(task.done() for task in held) == 200 - auth._MAX_HELD
+        assert not any(task.result() for task in held if task.done())
+        with pytest.raises(SignInError, match="too many wrong codes"):
+            await keeper.redeem("x" * 32, PASSWORD)
+        assert [await status_of(keeper, "Ada", PASSWORD) for _ in range(3)] == [204] * 3
+        assert (await keeper.redeem(code, "another password")).name == "Ada"
+        for task in held:
+            task.cancel()
+        await asyncio.gather(*held, return_exceptions=True)
+
+    asyncio.run(run())
+    keeper.close()
+
+
+def test_an_old_hash_is_replaced_at_the_next_sign_in(path: Path) -> None:
+    # Of scrypt, as versions before this one stored it.
+    salt = b"0123456789abcdef"
+    key = hashlib.scrypt(PASSWORD.encode(), salt=salt, n=1 << 14, r=8, p=1, maxmem=1 << 25, dklen=32)
+    old = f"scrypt$16384$8$1${b64encode(salt).decode()}${b64encode(key).decode()}"
+    put(path, User("Ada", "operator", old))
+    keeper = keeper_of(path)
+    assert asyncio.run(status_of(keeper, "Ada", "wrong")) == 401
+    assert read_users(path)["Ada"].password == old
+    assert asyncio.run(status_of(keeper, "Ada", PASSWORD)) == 204
+    new = read_users(path)["Ada"].password
+    assert new.startswith("$argon2id$v=19$m=19456,t=2,p=1$")
+    assert asyncio.run(status_of(keeper, "Ada", PASSWORD)) == 204
+    assert read_users(path)["Ada"].password == new
+    keeper.close()
 
 
 def test_a_session_ends_with_its_user_or_password(path: Path) -> None:
@@ -217,18 +310,27 @@ def test_a_code_sets_a_password_once(served: tuple[Page, Path], path: Path) -> N
 
 
 @given(st.text(min_size=1, max_size=30), st.text(max_size=30))
+@settings(max_examples=5)
 def test_only_its_password_fits_a_hash(password: str, other: str) -> None:
-    stored = "scrypt$16$1$1$" + hash_password(password).split("$", 4)[4]
-    salt = module.b64decode(stored.split("$")[4])
-    key = module.b64encode(module._derive(password, salt, 16, 1, 1)).decode()
-    stored = "$".join((*stored.split("$")[:5], key))
+    stored = hash_password(password)
     assert is_password(password, stored)
     assert is_password(other, stored) == (other == password)
 
 
 @pytest.mark.parametrize(
     "stored",
-    ["", "x", "scrypt$16384$8$1$$", "scrypt$16384$8$1$AA==$", "plain$1$1$1$a$b", "scrypt$99999999999$8$1$AA==$AA=="],
+    [
+        "",
+        "x",
+        "scrypt$16384$8$1$$",
+        "scrypt$16384$8$1$AA==$",
+        "plain$1$1$1$a$b",
+        "scrypt$99999999999$8$1$AA==$AA==",
+        HASH.replace("m=19456", "m=9999999"),
+        HASH.replace("t=2", "t=0"),
+        HASH.replace("p=1", "p=0"),
+        HASH[:-1],
+    ],
 )
 def test_what_is_no_hash_fits_no_password(stored: str) -> None:
     assert not is_password("", stored)
@@ -237,17 +339,17 @@ def test_what_is_no_hash_fits_no_password(stored: str) -> None:
 
 def test_unknown_users_take_as_much_work(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     put(path, ADA)
-    costs: list[tuple[int, int, int]] = []
-    derive = module._derive
+    costs: list[str] = []
+    check = passwords._is_argon2id
 
-    def counted(password: str, salt: bytes, n: int, r: int, p: int) -> bytes:
-        costs.append((n, r, p))
-        return derive(password, salt, n, r, p)
+    def counted(password: str, stored: str) -> bool:
+        costs.append(stored.rsplit("$", 2)[0])
+        return check(password, stored)
 
-    monkeypatch.setattr(module, "_derive", counted)
+    monkeypatch.setattr(passwords, "_is_argon2id", counted)
     users = Users(path)
     assert [users.is_password(name, "wrong") for name in ("Ada", "Nobody")] == [False, False]
-    assert costs == [(1 << 14, 8, 1)] * 2
+    assert costs == ["$argon2id$v=19$m=19456,t=2,p=1"] * 2
 
 
 @pytest.mark.parametrize(
