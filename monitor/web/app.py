@@ -295,15 +295,16 @@ async def _acknowledge(site: Site, request: Request) -> Response:
 
 async def _stream(site: Site, request: Request) -> Response:
     machine, channel = request.query_params.get("machine"), request.query_params.get("channel")
+    signed_in = getattr(request.state, "visitor", None) is not None
     try:
-        if len(site.hub) >= site.max_streams:
+        if len(site.hub) >= site.max_streams and not (signed_in and site.hub.make_room()):
             raise RequestError(429, f"{site.max_streams} pages are open already, as many as [web] max_streams allows")
         if machine and channel:
             site.machines.machine(machine).channel(channel)
     except RequestError as error:
         return _response(request, _failed(error))
     # Counted here, without a pause since the check above, so that simultaneous requests cannot exceed the limit.
-    subscriber = site.hub.subscribe((machine, channel) if machine and channel else None)
+    subscriber = site.hub.subscribe((machine, channel) if machine and channel else None, signed_in=signed_in)
     headers = {"cache-control": "no-store", "x-accel-buffering": "no"}
     end = partial(site.hub.unsubscribe, subscriber)
     return _EndedStream(site.hub.messages(subscriber), headers, "text/event-stream", end)

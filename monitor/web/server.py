@@ -13,7 +13,7 @@ from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import h11
 import uvicorn
@@ -34,12 +34,13 @@ from monitor.web.machines import Machines
 from monitor.web.security import Doors
 from monitor.web.users import USERS_FILE, Users
 from monitor.words.numbers import count
+from streams.link.front import Door
 
 Report = Callable[[dict[str, Any]], object]
 
 _LOG = logging.getLogger(__name__)
 MAX_CONNECTIONS = 256
-"""Connections besides those of streams; one more takes the place of the idlest."""
+"""Connections besides those of streams, half of them of one client; one more takes the place of the idlest."""
 HEAD_S = 10.0
 _MAX_STUCK = 3
 _ALIVE_S = 5.0
@@ -54,6 +55,8 @@ class LimitedProtocol(H11Protocol):
     A new connection is always taken: a limit that refuses it would let idle ones keep ``/healthz`` from being answered.
     """
 
+    door: ClassVar[Door[LimitedProtocol]]
+    """The connections of the page but for streams, which have a limit of their own and end with their connection."""
     head_within = HEAD_S
     """Seconds for the head of a request, from its first byte or from the connection."""
     _head: asyncio.TimerHandle | None = None
@@ -61,13 +64,18 @@ class LimitedProtocol(H11Protocol):
     _pending = 0
     _stuck = 0
     _since = 0.0
+    _uncounted = False
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]  # as the class above does
         """Start the timers."""
         super().connection_made(transport)
         self._since = self.loop.time()
-        if len(self.connections) > MAX_CONNECTIONS:
-            self._make_room()
+        # None is never refused: each is idle in some degree, but for streams, which are not counted.
+        idlest = self.door.room_for(self._address)
+        if idlest is not None:
+            self.door.remove(idlest)
+            idlest.transport.abort()
+        self.door.add(self, self._address)
         self._head = self.loop.call_later(self.head_within, self._give_up)
         self._watch = self.loop.call_later(self.head_within, self._check_progress)
 
@@ -77,11 +85,15 @@ class LimitedProtocol(H11Protocol):
             if timer is not None:
                 timer.cancel()
         self._head = self._watch = None
+        self.door.remove(self)
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
         """Process data; a head that has begun must be complete in time."""
         super().data_received(data)
+        if self._streaming:
+            self.door.remove(self)
+            self._uncounted = True
         incomplete = self.conn.their_state is h11.IDLE and not self.transport.is_closing()
         if not incomplete and self._head is not None:
             self._head.cancel()
@@ -92,31 +104,25 @@ class LimitedProtocol(H11Protocol):
     def on_response_complete(self) -> None:
         """Note that the connection is idle from now on."""
         self._since = self.loop.time()
+        if self._uncounted:
+            self._uncounted = False
+            self.door.add(self, self._address)
         super().on_response_complete()
+
+    @property
+    def _address(self) -> str:
+        return "" if self.client is None else self.client[0]
 
     @property
     def _streaming(self) -> bool:
         return self.cycle is not None and self.cycle.scope["path"] == STREAM and not self.cycle.response_complete
 
     @property
-    def _idleness(self) -> tuple[int, float]:
+    def idleness(self) -> tuple[int, float]:
         """Sort key: connections that wait for a request or its body first, then unread answers; the oldest first."""
         if self.conn.their_state in (h11.IDLE, h11.SEND_BODY):
             return 0, self._since
         return 1 if self.transport.get_write_buffer_size() else 2, self._since
-
-    def _make_room(self) -> None:
-        """End the idlest of the other connections if there are too many; streams have a limit of their own."""
-        others = [
-            found
-            for found in self.connections
-            if isinstance(found, LimitedProtocol)
-            and found is not self
-            and not found._streaming
-            and not found.transport.is_closing()
-        ]
-        if len(others) >= MAX_CONNECTIONS:
-            min(others, key=lambda found: found._idleness).transport.abort()
 
     def _give_up(self) -> None:
         self._head = None
@@ -196,9 +202,12 @@ async def serve(
 
 
 def _settings(site: Site, web: WebSection) -> uvicorn.Config:
+    class Protocol(LimitedProtocol):
+        door = Door(MAX_CONNECTIONS, max(MAX_CONNECTIONS // 2, 1), lambda connection: connection.idleness)
+
     settings = uvicorn.Config(
         application(site),
-        http=LimitedProtocol,
+        http=Protocol,
         ws="none",
         lifespan="off",
         log_config=None,

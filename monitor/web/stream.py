@@ -33,9 +33,13 @@ Subject = tuple[str, str]
 
 @dataclass(eq=False)
 class Subscriber:
-    """A client of the stream, with the machine and channel that it follows; dropped when too many messages wait."""
+    """A client of the stream, with the machine and channel that it follows.
+
+    It is dropped when too many messages wait, or for one that is signed in where it is not.
+    """
 
     subject: Subject | None
+    signed_in: bool = False
     waiting: asyncio.Queue[bytes] = field(default_factory=lambda: asyncio.Queue(_MAX_WAITING))
     dropped: bool = False
 
@@ -66,7 +70,7 @@ class Hub:
         """Take the machines."""
         self._machines = machines
         self._thread = ThreadPoolExecutor(1, "news")
-        self._subscribers: set[Subscriber] = set()
+        self._subscribers: dict[Subscriber, None] = {}
         self._seen: dict[str, _Seen] = {}
         self._heartbeat = 0.0
         self._wake = asyncio.Event()
@@ -97,15 +101,27 @@ class Hub:
                 async with asyncio.timeout(_POLL_S):
                     await self._wake.wait()
 
-    def subscribe(self, subject: Subject | None) -> Subscriber:
+    def make_room(self) -> bool:
+        """End the oldest stream of a client that is not signed in; return whether there was one."""
+        stranger = next((found for found in self._subscribers if not found.signed_in), None)
+        if stranger is None:
+            return False
+        stranger.dropped = True
+        self.unsubscribe(stranger)
+        # It may wait for its next message.
+        with suppress(asyncio.QueueFull):
+            stranger.waiting.put_nowait(b": another page is signed in\n\n")
+        return True
+
+    def subscribe(self, subject: Subject | None, *, signed_in: bool = False) -> Subscriber:
         """Add a subscriber; it counts from now on until :meth:`unsubscribe`."""
-        subscriber = Subscriber(subject)
-        self._subscribers.add(subscriber)
+        subscriber = Subscriber(subject, signed_in)
+        self._subscribers[subscriber] = None
         return subscriber
 
     def unsubscribe(self, subscriber: Subscriber) -> None:
         """Remove a subscriber; removing it twice does nothing."""
-        self._subscribers.discard(subscriber)
+        self._subscribers.pop(subscriber, None)
 
     async def messages(self, subscriber: Subscriber) -> AsyncGenerator[bytes]:
         """Yield the messages for a subscriber, and comments while there are none; remove it at the end."""

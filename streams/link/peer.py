@@ -9,6 +9,7 @@ import selectors
 import socket
 import ssl
 import stat
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from streams.link.wire import HEAD, HELLO, HELLO_MAGIC, frame_length, hello_leng
 from streams.types.spec import SourceError
 
 _CHUNK = 1 << 18
+_FIRST_PROBE_S, _PROBES = 30, 4
+"""Silence after which the kernel probes a sender, and number of probes."""
 
 
 class Phase(enum.Enum):
@@ -130,6 +133,18 @@ class Peer:
         return message
 
 
+def prepare(connection: socket.socket, tls: ssl.SSLContext | None) -> socket.socket:
+    """Return an accepted connection that does not block, encrypted where TLS is on; OSError where it is lost."""
+    connection.setblocking(False)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _FIRST_PROBE_S)
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _PROBES)
+    if tls is None:
+        return connection
+    return tls.wrap_socket(connection, server_side=True, do_handshake_on_connect=False)
+
+
 NONCE_BYTES = 32
 """Random bytes that the receiver answers to a hello of version 2."""
 PROOF_BYTES = 32
@@ -161,6 +176,19 @@ def key_weakness(path: Path, key: bytes) -> str | None:
     if others_may(path.stat().st_mode, stat.S_IROTH | stat.S_IWOTH):
         return f"others may read or change {path}; make it safe with: chmod 600 {path}"
     return None
+
+
+def load_keys(files: Mapping[str, Path | None]) -> tuple[dict[str, bytes], list[str]]:
+    """Return the keys of sources that have one, and what weakens them, one sentence each; SourceError as above."""
+    keys, weaknesses = {}, []
+    for name, path in files.items():
+        if path is None:
+            continue
+        keys[name] = read_key(path, f"[[source]] {name}: stream_key_file")
+        weakness = key_weakness(path, keys[name])
+        if weakness is not None:
+            weaknesses.append(f"source {name}: {weakness}")
+    return keys, weaknesses
 
 
 def proof(key: bytes, nonce: bytes, stream: str) -> bytes:

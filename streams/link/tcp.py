@@ -14,8 +14,9 @@ from dataclasses import replace
 
 from models.platform.supervision import OwnedThread
 from streams.link.arrivals import Ticket
+from streams.link.front import Bucket, Door, FullError, Guesses, client_of
 from streams.link.listening import Place, Waker, bound, is_loopback, place_of
-from streams.link.peer import NONCE_BYTES, ClosedError, Peer, Phase, is_proof, key_weakness, read_key, receiver_context
+from streams.link.peer import NONCE_BYTES, ClosedError, Peer, Phase, is_proof, load_keys, prepare, receiver_context
 from streams.link.receiver import Receiver
 from streams.link.refusals import JUMP, KEY, LINK
 from streams.link.wire import ACK, PROVEN, JumpError, WireError, hello_stream, hello_version, refusal
@@ -24,10 +25,10 @@ from streams.types.spec import NetworkSpec, SourceError, SourceSpec
 _LOG = logging.getLogger(__name__)
 _TICK = 0.25
 """Seconds between checks of the deadlines."""
-_FIRST_PROBE_S, _PROBES = 30, 4
-"""Silence after which the kernel probes a sender, and number of probes."""
 _MAX_OUT_BYTES = 1 << 16
 """Answers that a sender may leave unread."""
+_CONNECTIONS_PER_S = 100.0
+"""Beyond it new ones wait in the kernel's queue, so that they take no time from senders that are connected."""
 _LINGER_S = 1.0
 """Time for a refused sender to read the reason."""
 
@@ -58,6 +59,11 @@ class TcpReceiver(Receiver):
         self._thread = OwnedThread(self._restarts, self._serve, self._listen, turns=True, thread=f"tcp-{self.name}")
         self._waker: Waker | None = None
         self._peers: set[Peer] = set()
+        most = self._network.max_connections
+        self._door = Door(most, most, self._idleness)
+        self._guesses = Guesses()
+        self._rate = Bucket(_CONNECTIONS_PER_S, _CONNECTIONS_PER_S / 2)
+        self._deaf_until = 0.0
         self._current: dict[str, Peer] = {}
         self._unconfirmed: set[str] = set()
         self._stopped = False
@@ -95,18 +101,12 @@ class TcpReceiver(Receiver):
         self._address = replace(self._address, port=self._listener.getsockname()[1])
         self._selector = selectors.DefaultSelector()
         self._selector.register(self._listener, selectors.EVENT_READ)
+        self._deaf_until = 0.0
         self._waker = Waker(self._selector)
 
     def _load_keys(self) -> list[str]:
         """Read keys and certificate; return what weakens a key, one sentence each."""
-        weaknesses = []
-        for name, path in self._key_files.items():
-            if path is None:
-                continue
-            self._keys[name] = read_key(path, f"[[source]] {name}: stream_key_file")
-            weakness = key_weakness(path, self._keys[name])
-            if weakness is not None:
-                weaknesses.append(f"source {name}: {weakness}")
+        self._keys, weaknesses = load_keys(self._key_files)
         cert_file, key_file = self._network.tls_cert_file, self._network.tls_key_file
         if cert_file is not None and key_file is not None:
             self._tls = receiver_context(cert_file, key_file, f"[[source]] {self.name}")
@@ -169,6 +169,9 @@ class TcpReceiver(Receiver):
                         self._handle(key.data, mask)
                 for peer in buffered:
                     self._handle(peer, selectors.EVENT_READ)
+                if self._deaf_until and time.monotonic() >= self._deaf_until:
+                    selector.register(listener, selectors.EVENT_READ)
+                    self._deaf_until = 0.0
                 self._send_acknowledgements()
                 self._pause_or_resume()
                 self._enforce_deadlines()
@@ -191,15 +194,26 @@ class TcpReceiver(Receiver):
             # The sender has disconnected, or there are no descriptors left; the next round tries again.
             self._refused(f"a connection could not be accepted: {error}")
             return
+        wait = self._rate.take()
+        if wait > 0.0:
+            selector.unregister(listener)
+            self._deaf_until = time.monotonic() + wait
         address = str(place[0])
         all_keyed = len(self._keys) == len(self._key_files)
         admitted = self._network.admits(address) or (all_keyed and not self._network.peers)
-        if not admitted or not self._has_room():
-            self._refused(f"{address} {'is one connection too many' if admitted else 'is not among peers'}")
+        problem = None if admitted else "is not among peers"
+        try:
+            idlest = self._door.room_for(address) if admitted else None
+            if idlest is not None:
+                self._drop(idlest, "replaced by a newer connection")
+        except FullError:
+            problem = "is one connection too many"
+        if problem is not None:
+            self._refused(f"{address} {problem}")
             connection.close()
             return
         try:
-            connection = self._set_up(connection)
+            connection = prepare(connection, self._tls)
         except OSError as error:
             self._refused(f"{address}: {error}")
             connection.close()
@@ -208,28 +222,14 @@ class TcpReceiver(Receiver):
             connection, address, time.monotonic() + self._network.read_timeout, encrypting=self._tls is not None
         )
         self._peers.add(peer)
+        self._door.add(peer, address)
         selector.register(connection, peer.interest(held=False), peer)
 
-    def _set_up(self, connection: socket.socket) -> socket.socket:
-        """Return an accepted connection that does not block, encrypted where TLS is on."""
-        connection.setblocking(False)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, _FIRST_PROBE_S)
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, _PROBES)
-        if self._tls is None:
-            return connection
-        return self._tls.wrap_socket(connection, server_side=True, do_handshake_on_connect=False)
-
-    def _has_room(self) -> bool:
-        """Return whether one more connection fits, after ending the oldest one that may not send frames yet."""
-        if len(self._peers) < self._network.max_connections:
-            return True
-        waiting = [peer for peer in self._peers if peer.phase is not Phase.FRAMES]
-        if not waiting:
-            return False
-        self._drop(min(waiting, key=lambda peer: peer.deadline or 0.0), "replaced by a newer connection")
-        return True
+    def _idleness(self, peer: Peer) -> tuple[int, float] | None:
+        """Return how readily a connection makes room: none that sends frames, those with wrong keys first."""
+        if peer.phase is Phase.FRAMES:
+            return None
+        return -self._guesses.count(client_of(peer.address)), peer.deadline or 0.0
 
     def _is_held(self, peer: Peer) -> bool:
         """Return whether a connection is not read because too much waits."""
@@ -301,6 +301,7 @@ class TcpReceiver(Receiver):
         if key is not None and (given is None or peer.nonce is None):
             raise _KeyError(f"stream {stream!r} needs its key, and the hello is of version 1")
         if key is not None and not is_proof(given or b"", key, peer.nonce or b"", stream):
+            self._guesses.wrong(client_of(peer.address))
             raise _KeyError(f"the key is not that of stream {stream!r}")
         before = self._current.get(stream)
         if before is not None:
@@ -374,6 +375,7 @@ class TcpReceiver(Receiver):
         if reason is not None:
             self._refused(f"{peer.name}: {reason}")
         self._peers.discard(peer)
+        self._door.remove(peer)
         self._drop_from_stream(peer)
         if self._selector is not None:
             with contextlib.suppress(KeyError, ValueError):

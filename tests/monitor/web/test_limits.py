@@ -22,7 +22,7 @@ from monitor.web.security import Doors
 from tests.support.daemons import make_machine
 from tests.support.pages import Page, page_of
 from tests.support.security import machine_with_event
-from tests.support.waiting import wait_until
+from tests.support.waiting import PATIENCE_S, wait_until
 
 
 def is_healthy(page: Page) -> bool:
@@ -131,6 +131,35 @@ def test_many_streams_opened_at_once_are_no_more_than_allowed(tmp_path: Path) ->
         for connection in opened:
             connection.close()
         wait_until(lambda: b"spallwatch_page_streams 0.0" in page.ask("/metrics").body)
+
+
+def test_who_is_signed_in_takes_the_stream_of_a_stranger(tmp_path: Path) -> None:
+    with page_of(machine_with_event(tmp_path), web=WebSection(max_streams=2)) as page:
+        head = b"GET /api/stream HTTP/1.1\r\nHost: localhost:%d\r\n" % page.port
+        token = b"Authorization: Bearer %s\r\n" % page.token.encode()
+        opened, codes = [], []
+        for more in (b"", b"", b"", token, token, token):
+            opened.append(page.dial())
+            opened[-1].sendall(head + more + b"\r\n")
+            codes.append(opened[-1].recv(12)[-3:])
+        assert codes == [b"200", b"200", b"429", b"200", b"200", b"429"]
+        for connection in opened:
+            connection.close()
+
+
+def test_a_client_that_holds_most_connections_makes_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.web.server.MAX_CONNECTIONS", 4)
+    with page_of(machine_with_event(tmp_path)) as page:
+        at = ("127.0.0.1", page.port)
+        other = socket.create_connection(at, PATIENCE_S, source_address=("127.0.0.9", 0))
+        held = [page.dial() for _ in range(9)]
+        assert is_closed(held[0])
+        # Though it is idle for longer than any of them.
+        head = b"GET /healthz HTTP/1.1\r\nHost: localhost:%d\r\n\r\n" % page.port
+        other.sendall(head)
+        assert other.recv(12)[-3:] == b"503"
+        for connection in (other, *held):
+            connection.close()
 
 
 @pytest.mark.parametrize("opening", [b"[", b'{"token":', b'{"who":'])
