@@ -68,12 +68,12 @@ class LimitedServer(Server):
 class _Listener(BinaryServer):
     def __init__(self, *given: Any) -> None:
         super().__init__(*given)
-        self.door: Door[LimitedProtocol] = Door(
+        self.door: Door[LimitedConnection] = Door(
             MAX_CONNECTIONS, MAX_CONNECTIONS // 2, lambda connection: connection.idleness
         )
 
     def _make_protocol(self) -> OPCUAProtocol:
-        return LimitedProtocol(
+        return LimitedConnection(
             self.door,
             iserver=self.iserver,
             policies=self._policies,
@@ -83,10 +83,10 @@ class _Listener(BinaryServer):
         )
 
 
-class LimitedProtocol(OPCUAProtocol):
+class LimitedConnection(OPCUAProtocol):
     """One connection; what is too large is refused by its head, before it is kept."""
 
-    def __init__(self, door: Door[LimitedProtocol], **given: Any) -> None:
+    def __init__(self, door: Door[LimitedConnection], **given: Any) -> None:
         """Wait for the hello."""
         super().__init__(**given)
         self._door = door

@@ -147,10 +147,10 @@ def test_a_client_that_reads_no_answers_gets_no_more_and_is_ended(monkeypatch: p
         return True
 
     async def run() -> None:
-        door: front.Door[front.LimitedProtocol] = front.Door(8, 4, lambda found: found.idleness)
+        door: front.Door[front.LimitedConnection] = front.Door(8, 4, lambda found: found.idleness)
         services = SimpleNamespace(max_pending_messages_per_connection=4)
         given: Any = {"iserver": services, "policies": [], "clients": [], "closing_tasks": [], "limits": None}
-        found, ended = front.LimitedProtocol(door, **given), asyncio.Event()
+        found, ended = front.LimitedConnection(door, **given), asyncio.Event()
         found.transport = cast("Any", SimpleNamespace(abort=ended.set))
         found.processor = cast("Any", SimpleNamespace(process=process, session=None))
         found.pause_writing()
