@@ -18,7 +18,7 @@ from pathlib import Path
 
 from models.platform.portable import NO_LINK, NO_WAIT, others_may
 from models.words.errors import SpallwatchError
-from monitor.web.turns import CHECKS, SignInError, Turns
+from monitor.web.turns import CHECKS, SignInError, SignInTurns
 from monitor.web.users import Role, User, Users
 from streams.link.front import client_of
 
@@ -129,7 +129,7 @@ class Doorkeeper:
         self._digest = _digest(token)
         self._monotonic = monotonic
         self.users = users
-        self._turns = Turns(monotonic)
+        self._turns = SignInTurns(monotonic)
         self._hashing = ThreadPoolExecutor(CHECKS, "passwords")
         self._right: dict[str, None] = {}
         self._sessions: dict[bytes, _Session] = {}

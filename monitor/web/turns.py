@@ -36,7 +36,7 @@ class _Attempt:
     turn: asyncio.Future[None]
 
 
-class Turns:
+class SignInTurns:
     """Queues of attempts in one event loop.
 
     Attempts of one key are checked one after another, each when the delay of the guesses before it is over. A place is

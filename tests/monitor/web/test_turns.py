@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from monitor.web.turns import CHECKS, MAX_KNOWN, MAX_OF_KEY, MAX_WAITING, SignInError, Turns
+from monitor.web.turns import CHECKS, MAX_KNOWN, MAX_OF_KEY, MAX_WAITING, SignInError, SignInTurns
 
 
 class Hall:
@@ -16,7 +16,7 @@ class Hall:
 
     def __init__(self) -> None:
         """Nobody has come."""
-        self.turns = Turns()
+        self.turns = SignInTurns()
         self.began: list[str] = []
         self.refused: list[str] = []
         self._tasks: list[asyncio.Task[None]] = []
