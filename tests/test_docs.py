@@ -13,7 +13,7 @@ from monitor.cli import spallwatch
 from monitor.config.load import Config
 from tests.support.docs import DOCS, FOR_USERS, ROOT, read
 
-MAX_WORDS_FOR_USERS = 34_600
+MAX_WORDS_FOR_USERS = 34_790
 PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 
 
