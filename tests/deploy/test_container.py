@@ -91,4 +91,5 @@ def test_its_commands_are_those_of_the_program() -> None:
         help_text = run_command(*words, "--help").stdout
         assert "--config" in help_text
     (check,) = instructions("HEALTHCHECK")
-    assert "spallwatch status --config /etc/spallwatch/machine.toml --json" in check
+    assert '"spallwatch", "status", "--check", "--config", "/etc/spallwatch/machine.toml"' in check
+    assert "--check" in run_command("status", "--help").stdout
