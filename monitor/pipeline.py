@@ -24,18 +24,21 @@ from monitor.health.signal.recording_bands import recording_bands
 from monitor.health.signal.waterfall import SpectrumChange
 from monitor.health.state import SourceSettings, SourceState
 from monitor.health.step import SourceOutput, rejected_record, rejection_of, step
-from monitor.records.database import StoreError, UnstorableError
 from monitor.records.events import EventLog
+from monitor.records.failures import Failures, Kind, StoreDamagedError, StoreError, UnstorableError, error_text, kind_of
 from monitor.records.filing import MAX_BLOCK
 from monitor.records.ledger import StoreLedger, write_progress
 from monitor.records.queries import state_block
+from monitor.records.recover.loss import damage_in_use
 from monitor.records.store import Store
 from streams.dates.best import latest_of
 from streams.types.block import Block, Rejected
 from streams.types.source import Delivery, FileProgress, LiveSource, Source
 
 _LOG = logging.getLogger(__name__)
-_RETRY_S = 1.0
+_FIRST_RETRY_S, _RETRY_S = 0.05, 1.0
+"""Seconds before the second attempt to use the store, which double up to the second number."""
+_ANALYSIS_PAUSES_S = (0.05, 0.5)
 _BATCH_BLOCKS = 64
 """Blocks to a transaction: a replay that is cut off begins again at the last batch, as the recording is still there."""
 _MISSING = {
@@ -112,7 +115,8 @@ class Pipeline:
         self._pending: list[tuple[Record, tuple[SpectrumChange, ...]]] = []
         self.reasons: dict[str, str] = {}
         """The first reason of each kind of rejection, of recordings."""
-        self._store_error: str | None = None
+        damage = (lambda: None) if store is None else partial(damage_in_use, store.path)
+        self.failures = Failures("the store fails, nothing is committed", "the store works again", damage)
         self._analysis_errors: dict[str, str] = {}
 
     def state(self, source: str) -> SourceState:
@@ -181,7 +185,10 @@ class Pipeline:
         """
         ledger = self._ledger
         assert ledger is not None
-        item, record = _unless_known(ledger, delivery.item), None
+        known: list[Block | Rejected] = []
+        if not self.retry(lambda: known.append(_unless_known(ledger, delivery.item)), stop):
+            return None
+        item, record = known[0], None
         if isinstance(item, Rejected) and item.is_repetition:
             refused = item
             done = self.retry(lambda: ledger.refuse(refused, delivery.progress), stop)
@@ -190,7 +197,11 @@ class Pipeline:
             done = record is not None
         if done:
             self.retry(lambda: ledger.survive(source.name, delivery.progress), stop)
-            source.acknowledge(delivery)
+            try:
+                source.acknowledge(delivery)
+            except OSError as error:
+                # It is committed: the next acknowledgement counts for this block, too, or its sender repeats it.
+                _LOG.error("%s: block %d cannot be acknowledged: %s", source.name, delivery.item.sequence, error)
         return record
 
     def _take_live(
@@ -198,10 +209,13 @@ class Pipeline:
     ) -> Record | None:
         """Analyse and commit one block; return its record, or None where ``stop`` came before the commit."""
         try:
-            output = self.take(item, [file.path for file in progress])
+            output = self._take_patiently(item, [file.path for file in progress], stop)
             done = self.retry(lambda: self._write(progress), stop, final=False)
             if output.record.accepted and self._analysis_errors.pop(item.source, None) is not None:
                 _LOG.warning("%s: blocks can be analysed again", item.source)
+        except StoreDamagedError:
+            self._roll_back()
+            raise
         except Exception as error:  # A block on which the analysis raises must not stop the next ones.
             self._roll_back()
             output = self._failed(item, error)
@@ -210,6 +224,18 @@ class Pipeline:
             self._roll_back()
             return None
         return output.record
+
+    def _take_patiently(self, item: Block | Rejected, files: Sequence[str], stop: threading.Event) -> SourceOutput:
+        """Take a block as :meth:`take`, once more where memory or another thing of the system was short."""
+        for pause in _ANALYSIS_PAUSES_S:
+            try:
+                return self.take(item, files)
+            except (OSError, MemoryError) as error:
+                if kind_of(error) is not Kind.TRANSIENT:
+                    raise
+                _LOG.warning("%s: block %d is analysed once more: %s", item.source, item.sequence, error_text(error))
+                stop.wait(pause)
+        return self.take(item, files)
 
     def take(
         self, item: Block | Rejected, files: Sequence[str] = (), truth: Mapping[str, Any] | None = None
@@ -285,23 +311,24 @@ class Pipeline:
 
         Raises:
             UnstorableError: no attempt can succeed, and it is not ``final``: something else can be stored instead.
+            StoreDamagedError: the store is damaged, as two checks found.
         """
+        pause = _FIRST_RETRY_S
         while True:
             try:
                 action()
             except StoreError as error:
                 if isinstance(error, UnstorableError) and not final:
                     raise
-                if self._store_error is None:
-                    _LOG.error("the store fails, nothing is committed: %s", error)
-                self._store_error = str(error)
+                self.failures.note(error)
                 self._options.idle()
-                if stop.wait(_RETRY_S):
+                pause = min(pause, _RETRY_S)
+                if stop.wait(pause):
                     return False
+                pause *= 2.0
                 continue
-            if self._store_error is not None:
-                _LOG.warning("the store works again")
-            self._store_error = None
+            if self.failures.problem is not None:
+                self.failures.end()
             return True
 
     @property
@@ -311,7 +338,8 @@ class Pipeline:
 
     def problems(self) -> dict[str, str]:
         """Return why the latest block of a source could not be analysed, and under "store" why none is committed."""
-        return self._analysis_errors | ({"store": self._store_error} if self._store_error is not None else {})
+        problem = self.failures.problem
+        return self._analysis_errors | ({"store": problem} if problem is not None else {})
 
 
 def _unless_known(ledger: StoreLedger, item: Block | Rejected) -> Block | Rejected:

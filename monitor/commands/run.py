@@ -183,6 +183,8 @@ def _lines(status: Mapping[str, Any]) -> Iterator[str]:
     if recovered := status.get("recovered"):
         yield f"at the start, {recovered}"
     yield from _beside(status)
+    for name, past in status.get("failures", {}).items():
+        yield f"failures since the start, {name}: {past['count']}, the last at {past['last_utc']}: {past['last_cause']}"
     for name, source in status["sources"].items():
         more = f", the oldest for {duration(source['oldest_age_s'])}" if source["pending"] else ""
         # Connections and messages, which are not offered.

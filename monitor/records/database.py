@@ -8,11 +8,12 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any, Literal, Self
+from weakref import WeakSet
 
 from models.platform.portable import sync_folder
-from models.words.errors import WrongInputError
 from monitor.records.archive import COLUMNS, complete_archive
 from monitor.records.durable import make_folder
+from monitor.records.failures import DATABASE_ERRORS, StoreError, discards, error_text
 from streams.types.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
 APPLICATION_ID = 0x53504C57
@@ -143,28 +144,6 @@ _MAX_IDLE_LOG_BYTES = 64 << 20
 
 MAGIC = b"SQLite format 3\x00"
 
-DATABASE_ERRORS = (sqlite3.Error, MemoryError)
-"""What a statement raises; SQLite's own lack of memory comes as MemoryError."""
-
-UNFIT = (
-    *(TypeError, ValueError, LookupError, AttributeError, OverflowError),
-    *(sqlite3.DataError, sqlite3.IntegrityError, sqlite3.InterfaceError, sqlite3.ProgrammingError),
-)
-"""Raised for values that do not fit the tables; a full, locked or damaged database raises something else."""
-
-
-class StoreError(WrongInputError):
-    """The store cannot be used; the message names the file and the cause."""
-
-
-class UnstorableError(StoreError):
-    """A record does not fit the tables; repeating the commit is useless, the store itself is intact."""
-
-
-def error_text(error: BaseException) -> str:
-    """Return the message of one of ``DATABASE_ERRORS``; that of a MemoryError is empty."""
-    return str(error) or "out of memory"
-
 
 class Closing:
     """Base of what a ``with`` statement closes at its end."""
@@ -189,6 +168,10 @@ class Presence:
         """Keep the path of the database; the first :meth:`check` sets the reference."""
         self._paths = (path, path.with_name(f"{path.name}-wal"))
         self._files: list[tuple[int, int] | None] = [None, None]
+
+    def renew_log(self) -> None:
+        """Take another log as the reference, which a connection may have made that was opened anew."""
+        self._files[1] = None
 
     def check(self) -> None:
         """Compare the files with those of the first call, within a transaction; StoreError where they differ."""
@@ -259,19 +242,11 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
         if new:
             # SQLite gives its log and index the permissions of the store, whatever the umask of the process.
             path.touch(0o640)
-        connection = opened(path, "ro" if read_only else "rwc")
+        connection = opened(path, "ro" if read_only else "rwc", any_thread=True)
     except (OSError, sqlite3.Error) as error:
         raise StoreError(f"{path}: {error}") from error
     try:
-        connection.execute("PRAGMA foreign_keys = ON")
-        if not read_only:
-            if new:
-                # Possible only before the first table is made: freed pages can then be given back step by step.
-                connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
-            # FULL: with NORMAL, commits of a write-ahead log may be rolled back by a power cut.
-            connection.execute("PRAGMA journal_mode = WAL")
-            connection.execute("PRAGMA synchronous = FULL")
-            connection.execute(f"PRAGMA journal_size_limit = {_MAX_IDLE_LOG_BYTES}")
+        _set_up(connection, new=new, read_only=read_only)
         if new or not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
             if read_only:
                 raise StoreError(f"{path}: is empty")
@@ -289,6 +264,31 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
         connection.close()
         raise StoreError(f"{path}: {error}") from error
     except StoreError:
+        connection.close()
+        raise
+    return connection
+
+
+def _set_up(connection: sqlite3.Connection, *, new: bool, read_only: bool) -> None:
+    connection.execute("PRAGMA foreign_keys = ON")
+    if read_only:
+        return
+    if new:
+        # Possible only before the first table is made: freed pages can then be given back step by step.
+        connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
+    # FULL: with NORMAL, commits of a write-ahead log may be rolled back by a power cut.
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = FULL")
+    connection.execute(f"PRAGMA journal_size_limit = {_MAX_IDLE_LOG_BYTES}")
+
+
+def reconnect(path: Path, *, read_only: bool) -> sqlite3.Connection:
+    """Open a store that is in use once more, and make nothing; sqlite3.Error or StoreError where that fails."""
+    connection = opened(path, "ro" if read_only else "rw", any_thread=True)
+    try:
+        _set_up(connection, new=False, read_only=read_only)
+        _check_version(connection, path)
+    except BaseException:
         connection.close()
         raise
     return connection
@@ -334,7 +334,82 @@ class Readable(Closing):
             return connection.execute(query, values).fetchall()
 
 
-class SharedConnection(Readable):
+_LET_GO_S = 0.2
+_CONNECTIONS: WeakSet[Renewed] = WeakSet()
+_CONNECTIONS_LOCK = threading.Lock()
+
+
+class Renewed(Readable):
+    """A connection that is not used again after some errors: the next use opens another one.
+
+    Then all connections of this process to the database that no thread uses are closed up to their next use. SQLite
+    keeps the locks on its log for the process as a whole: one that the system refused to release is held until the
+    last of them is closed.
+    """
+
+    def __init__(self, path: Path, connection: sqlite3.Connection) -> None:
+        """Own an open connection, which any thread may use."""
+        self.path, self._connection = path, connection
+        self._use = threading.RLock()
+        self._loans = 0
+        self._failed = self._absent = self._closed = False
+        with _CONNECTIONS_LOCK:
+            _CONNECTIONS.add(self)
+
+    def _reopened(self) -> sqlite3.Connection:
+        """Open another connection; sqlite3.Error or StoreError where that fails."""
+        raise NotImplementedError
+
+    @contextmanager
+    def connection(self) -> Iterator[sqlite3.Connection]:
+        """Lend the connection to one thread at a time, for several statements outside a transaction."""
+        with self._use:
+            try:
+                if (self._failed or self._absent) and not self._loans:
+                    self._renew()
+                self._loans += 1
+                try:
+                    yield self._connection
+                finally:
+                    self._loans -= 1
+            except DATABASE_ERRORS as error:
+                self._failed = not self._closed and (self._failed or discards(error))
+                raise StoreError(f"{self.path}: {error_text(error)}") from error
+
+    def _renew(self) -> None:
+        if self._failed:
+            with _CONNECTIONS_LOCK:
+                found = list(_CONNECTIONS)
+            for other in found:
+                other.let_go(self.path)
+            self._failed, self._absent = False, True
+        self._connection.close()
+        try:
+            self._connection = self._reopened()
+        except DATABASE_ERRORS as error:
+            self._failed = discards(error)
+            raise
+        self._absent = False
+
+    def let_go(self, path: Path) -> None:
+        """Close a connection to ``path`` until its next use, unless a thread is using it."""
+        if self.path.absolute() != path.absolute() or not self._use.acquire(timeout=_LET_GO_S):
+            return
+        try:
+            if not self._loans and not self._closed:
+                self._connection.close()
+                self._absent = True
+        finally:
+            self._use.release()
+
+    def close(self) -> None:
+        """Close the connection; closing twice does nothing."""
+        with self._use:
+            self._failed, self._absent, self._closed = False, False, True
+            self._connection.close()
+
+
+class SharedConnection(Renewed):
     """A connection beside that of the store's writer, for one statement at a time from any thread.
 
     All methods raise :class:`StoreError`, naming the file, where the database cannot be opened, read or written, and
@@ -357,29 +432,23 @@ class SharedConnection(Readable):
             synchronous: FULL: what was written survives a power cut; NORMAL: the latest of it may be lost.
             tables: statements that make missing tables, of a connection that writes.
         """
-        self._path = path
-        self._lock = threading.Lock()
-        self._connection = open_beside(path, "rw" if write else "ro")
+        self._mode = "rw" if write else "ro"
+        self._preparing = (f"PRAGMA synchronous = {synchronous}", *tables) if write else ()
         try:
-            with self.connection() as connection:
-                if write:
-                    connection.execute(f"PRAGMA synchronous = {synchronous}")
-                for statement in tables:
-                    connection.execute(statement)
-        except StoreError:
-            self._connection.close()
+            connection = self._opened(path)
+        except DATABASE_ERRORS as error:
+            raise StoreError(f"{path}: {error_text(error)}") from error
+        super().__init__(path, connection)
+
+    def _reopened(self) -> sqlite3.Connection:
+        return self._opened(self.path)
+
+    def _opened(self, path: Path) -> sqlite3.Connection:
+        connection = opened(path, self._mode, any_thread=True)
+        try:
+            for statement in self._preparing:
+                connection.execute(statement)
+        except BaseException:
+            connection.close()
             raise
-
-    @contextmanager
-    def connection(self) -> Iterator[sqlite3.Connection]:
-        """Lock the connection for several statements of one thread."""
-        with self._lock:
-            try:
-                yield self._connection
-            except DATABASE_ERRORS as error:
-                raise StoreError(f"{self._path}: {error_text(error)}") from error
-
-    def close(self) -> None:
-        """Close the connection; closing twice does nothing."""
-        with self._lock:
-            self._connection.close()
+        return connection

@@ -45,6 +45,8 @@ _DELIVERY_TABLES = (
     way TEXT PRIMARY KEY, event INTEGER NOT NULL, notice INTEGER NOT NULL, left_out INTEGER NOT NULL, sent TEXT NOT NULL
 ) WITHOUT ROWID""",
     "CREATE TABLE IF NOT EXISTS event_marks (event INTEGER PRIMARY KEY, utc REAL NOT NULL)",
+    # Checkpoints are left to the connection that commits blocks.
+    "PRAGMA wal_autocheckpoint = 0",
 )
 _SALVAGE_NEWS_S = 86400.0
 _SALVAGE = "SELECT min(id) - 1 FROM notices WHERE utc > ? AND json_extract(body, '$.kind') LIKE '%salvage%'"
@@ -207,8 +209,6 @@ class Deliveries(SharedConnection):
     def __init__(self, path: Path) -> None:
         """Open the store at ``path``, and make the tables that it lacks."""
         super().__init__(path, write=True, synchronous="NORMAL", tables=_DELIVERY_TABLES)
-        # Checkpoints are left to the connection that commits blocks.
-        self.rows("PRAGMA wal_autocheckpoint = 0")
 
     def begin(self, channels: Sequence[str], utc: float) -> None:
         """Set the progress of new channels to the end of the log, and delete that of removed channels.

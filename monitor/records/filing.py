@@ -18,7 +18,7 @@ from monitor import __version__
 from monitor.health.record import Record
 from monitor.records.archive import insert_forecasts
 from monitor.records.condense import identity_of
-from monitor.records.database import UNFIT, UnstorableError
+from monitor.records.failures import UNFIT, UnstorableError
 from monitor.records.packing import pack, unpack
 from streams.types.block import Rejected
 

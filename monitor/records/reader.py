@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-from monitor.records.database import APPLICATION_ID, STORE_VERSION, Readable, StoreError, open_beside, refuse_unsuitable
+from monitor.records.database import APPLICATION_ID, STORE_VERSION, Readable, open_beside, refuse_unsuitable
+from monitor.records.failures import DATABASE_ERRORS, StoreError, error_text
 from monitor.records.queries import LedgerBlock, blocks_after, newest_id, newest_values
 
 _MAX_IDLE = 4
@@ -42,10 +43,10 @@ class StoreReader(Readable):
         connection.set_progress_handler(lambda: time.monotonic() > until, _INSTRUCTIONS)
         try:
             yield connection
-        except sqlite3.Error as error:
+        except DATABASE_ERRORS as error:
             connection.close()
             late = time.monotonic() > until
-            raise StoreError(f"{self.path}: {'reading takes too long' if late else error}") from error
+            raise StoreError(f"{self.path}: {'reading takes too long' if late else error_text(error)}") from error
         except BaseException:
             connection.close()
             raise

@@ -19,16 +19,9 @@ from monitor.health.record import Record
 from monitor.health.signal.waterfall import SpectrumChange
 from monitor.records.archive import ARCHIVE_QUERY, FULL_ARCHIVE_QUERY, Archived, archived_of
 from monitor.records.condense import condensed_counts, has_condensed
-from monitor.records.database import (
-    DATABASE_ERRORS,
-    Presence,
-    Readable,
-    StoreError,
-    connect,
-    error_text,
-    refuse_unsuitable,
-)
+from monitor.records.database import Presence, Renewed, connect, reconnect, refuse_unsuitable
 from monitor.records.durable import take_lock
+from monitor.records.failures import DATABASE_ERRORS, StoreError
 from monitor.records.filing import (
     LAST_QUERY,
     MAX_BLOCK,
@@ -58,7 +51,7 @@ class Published(NamedTuple):
     size: int
 
 
-class Store(Readable):
+class Store(Renewed):
     """The database of one machine, with one writer; made by :meth:`open`.
 
     All methods raise :class:`StoreError`, naming the file and the cause, where the database cannot be read or written;
@@ -67,8 +60,7 @@ class Store(Readable):
 
     def __init__(self, path: Path, connection: sqlite3.Connection, lock: FileLock | None) -> None:
         """Own an open connection and the writer's lock, None for a reader."""
-        self.path = path
-        self._connection = connection
+        super().__init__(path, connection)
         self._lock = lock
         self._presence = Presence(path)
         self._writer = BlockWriter()
@@ -281,7 +273,8 @@ class Store(Readable):
                 f"{self.path}: its forecasts do not say what they leaned on (schema version 1); "
                 "open the store once for writing to complete them, such as with: spallwatch replay --resume"
             )
-        query = FULL_ARCHIVE_QUERY if has_condensed(self._connection) else ARCHIVE_QUERY
+        with self.connection() as connection:
+            query = FULL_ARCHIVE_QUERY if has_condensed(connection) else ARCHIVE_QUERY
         last = 0
         while rows := self.rows(query, last):
             yield from archived_of(rows)
@@ -300,26 +293,23 @@ class Store(Readable):
 
     def close(self) -> None:
         """Close the database and release the lock; closing twice does nothing."""
-        self._connection.close()
+        super().close()
         lock, self._lock = self._lock, None
         if lock is not None:
             lock.close()
 
-    @contextmanager
-    def connection(self) -> Iterator[sqlite3.Connection]:
-        """Lend the connection for statements outside a transaction."""
-        try:
-            yield self._connection
-        except DATABASE_ERRORS as error:
-            raise StoreError(f"{self.path}: {error_text(error)}") from error
+    def _reopened(self) -> sqlite3.Connection:
+        found = reconnect(self.path, read_only=self._lock is None)
+        # The last connection of a process that is closed removes the log.
+        self._presence.renew_log()
+        return found
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
         """Run statements as one transaction, rolled back where anything fails."""
         if self._lock is None:
             raise StoreError(f"{self.path}: is open for reading only")
-        connection = self._connection
-        try:
+        with self.connection() as connection:
             if connection.in_transaction:
                 # The roll-back of the one before failed too.
                 connection.execute("ROLLBACK")
@@ -335,5 +325,3 @@ class Store(Readable):
                     with suppress(*DATABASE_ERRORS):
                         connection.execute("ROLLBACK")
                 raise
-        except DATABASE_ERRORS as error:
-            raise StoreError(f"{self.path}: {error_text(error)}") from error

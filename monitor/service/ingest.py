@@ -17,6 +17,7 @@ from monitor.health.record import Record
 from monitor.health.state import SourceSettings
 from monitor.pipeline import ConditionOf, Pipeline, PipelineOptions
 from monitor.records.database import Closing
+from monitor.records.failures import StoreDamagedError
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.progress import SourceProgress
@@ -73,6 +74,7 @@ class Ingest(Pipeline, Closing):
         self._retry_at: dict[str, float] = {}
         self._turns = Turns(len(self.sources))
         self.progress = SourceProgress(timer)
+        self._held: tuple[int, Delivery] | None = None
 
     @classmethod
     def open(
@@ -103,7 +105,7 @@ class Ingest(Pipeline, Closing):
                 # From here on the ingest closes ledger and sources.
                 opened.pop_all()
         except SourceError as error:
-            raise ConfigError(str(error)) from None
+            raise ConfigError(str(error)) from error
         return ingest
 
     def interval(self, source: str) -> float | None:
@@ -120,7 +122,12 @@ class Ingest(Pipeline, Closing):
                 seen(record)
 
     def step(self, stop: threading.Event) -> Record | None:
-        """Wait a moment for a delivery and commit it; return its record, None without one or for a refused block."""
+        """Wait a moment for a delivery and commit it; return its record, None without one or for a refused block.
+
+        After an exception, which is none of a source or a block, the next call goes on with the same delivery.
+        """
+        if self._held is not None:
+            return self._deliver_held(stop)
         # First a round without waiting: a quiet source does not slow down a busy one.
         for timeout in (0.0, _POLL_S / len(self.sources)):
             for number in self._turns.order([source.queued_blocks() for source in self.sources]):
@@ -129,11 +136,19 @@ class Ingest(Pipeline, Closing):
                 if delivery is None:
                     self._turns.missed(number, max(0.0, self._timer() - began - timeout))
                     continue
-                record = self.deliver(source, delivery, stop)
-                self.progress.note(source.name)
+                self._held = number, delivery
+                record = self._deliver_held(stop)
                 self._turns.served(number, self._timer() - began)
                 return record
         return None
+
+    def _deliver_held(self, stop: threading.Event) -> Record | None:
+        assert self._held is not None
+        number, delivery = self._held
+        record = self.deliver(self.sources[number], delivery, stop)
+        self.progress.note(self.sources[number].name)
+        self._held = None
+        return record
 
     def _next_delivery(self, source: LiveSource, timeout: float, stop: threading.Event) -> Delivery | None:
         if time.monotonic() < self._retry_at.get(source.name, 0.0):
@@ -143,6 +158,8 @@ class Ingest(Pipeline, Closing):
         try:
             # A source that reads the ledger meets the same full disk as a commit does.
             self.retry(lambda: found.append(source.next(timeout)), stop)
+        except StoreDamagedError:
+            raise
         except Exception as error:  # A fault of one source must not stop the others.
             known = source.name in self._source_errors
             self._source_errors[source.name] = f"it fails: {type(error).__name__}: {error}"

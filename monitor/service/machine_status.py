@@ -204,11 +204,13 @@ class MachineStatus:
         """Return whether the accelerations of a channel are in m/s2."""
         return all(section.unit != "unknown" for section in self._config.channel if section.name == channel)
 
-    def values(self, status: str, problems: Mapping[str, str]) -> dict[str, Any]:
+    def values(
+        self, status: str, problems: Mapping[str, str], failures: Mapping[str, Mapping[str, Any]] | None = None
+    ) -> dict[str, Any]:
         """Return the status as plain values for JSON.
 
         ``status`` is "stopped", or "running", which becomes "degraded" where there are problems: sentences by the name
-        of the source or the part.
+        of the source or the part. ``failures`` are those since the start, by the name of the part.
         """
         flows = self.flows()
         channels = {
@@ -237,6 +239,7 @@ class MachineStatus:
             "sources": {name: vars(backlog) for name, backlog in self._ingest.backlogs().items()},
             "ignored": self._ingest.ignored(),
             "problems": dict(problems),
+            "failures": dict(failures or {}),
             "recovered": self._recovered,
             "bearings": bearings,
             "channels": with_words(self._config, channels, bearings),

@@ -9,12 +9,14 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from functools import partial
 
 from monitor.config.machine import RetentionSection
 from monitor.records.compact import reusable_bytes, shorten, stored_bytes
 from monitor.records.condense import condense
-from monitor.records.database import StoreError
 from monitor.records.events import EventLog
+from monitor.records.failures import Failures, StoreError
+from monitor.records.recover.loss import damage_in_use
 from monitor.records.spectra import thin_spectra
 from monitor.records.store import Store
 from monitor.service.publisher import PublishedFiles
@@ -29,13 +31,14 @@ _MIN_PAGES, _MAX_PAGES = 16, 1024
 _BUSY_SHARE, _IDLE_SHARE = 20.0, 2.0
 """Least ratio of the pause after a step to its duration, while blocks come and while none does."""
 _MIN_PAUSE_S, _MAX_PAUSE_S = 0.02, 5.0
+_RETRY_S = 1.0
 _SPECTRA_S = 3600.0
 _MEASURE_S = 60.0
 _NOTICE_S = _DAY_S
 
 
 class Retention:
-    """Keeps the store of a machine within its limits; a failure is a :attr:`problem`, never an exception."""
+    """Keeps the store of a machine within its limits; a failure is a :attr:`problem`, and only damage is raised."""
 
     def __init__(
         self,
@@ -56,6 +59,8 @@ class Retention:
         self._noticed: dict[str, float] = {}
         self._lost: set[str] = set()
         self._news = False
+        damage = partial(damage_in_use, store.path)
+        self.failures = Failures("retention fails", "retention works again", damage, clock)
         self.problem: str | None = None
         """Why a limit is not kept, or None."""
 
@@ -82,6 +87,9 @@ class Retention:
             files: state of the published files.
             idle: whether no block is waiting.
             disk: what is short on the disk of the state, or None.
+
+        Raises:
+            StoreDamagedError: the store is damaged.
         """
         began = self._monotonic()
         if began < self._due:
@@ -89,14 +97,15 @@ class Retention:
         try:
             busy = self._step(files, disk)
             self.problem = self._cap_problem()
+            self.failures.end()
         except StoreError as error:
             busy = False
-            if self.problem is None:
-                _LOG.error("retention fails: %s", error)
-            self.problem = str(error)
+            self.failures.note(error)
+            self.problem = self.failures.problem
         spent = self._monotonic() - began
         share = _IDLE_SHARE if idle else _BUSY_SHARE
-        self._due = self._monotonic() + (max(_MIN_PAUSE_S, share * spent) if busy else _MAX_PAUSE_S)
+        pause = _MAX_PAUSE_S if self.failures.problem is None else _RETRY_S
+        self._due = self._monotonic() + (max(_MIN_PAUSE_S, share * spent) if busy else pause)
 
     def _step(self, files: PublishedFiles, disk: str | None) -> bool:
         """Do one step; return whether there may be more to do."""

@@ -56,7 +56,7 @@ class StatusFile(Closing):
             make_folder(state_dir, 0o750)
             lock = FileLock(state_dir / _LOCK)
         except OSError as error:
-            raise StoreError(f"{state_dir}: {error.strerror or error}") from None
+            raise StoreError(f"{state_dir}: {error.strerror or error}") from error
         until = time.monotonic() + _LOCK_S
         # A reader of the status holds the lock for a moment.
         while not lock.take():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import re
 import sqlite3
 from collections.abc import Sequence
 from contextlib import closing
@@ -9,7 +12,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from monitor.records.condense import has_condensed, identity_of
-from monitor.records.database import APPLICATION_ID, MAGIC, STORE_VERSION, StoreError, opened
+from monitor.records.database import APPLICATION_ID, MAGIC, STORE_VERSION, opened
+from monitor.records.failures import Kind, StoreError, confirmed, kind_of
 from monitor.records.filing import published_files
 from monitor.records.published_folder import Snapshot, reached_days, read_snapshot
 from monitor.records.recover.published import Beat, gather, remove_database
@@ -19,7 +23,9 @@ from monitor.records.recover.settle import first_change
 CHECKED_BYTES = 64 << 20
 """A store up to this size is checked as a whole whenever it is opened; of a larger one, the newest blocks."""
 _NEWEST = 2000
-_CORRUPT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)
+_PAGE_BYTES = 4096
+_UNREAD = re.compile(r"error code=(\d+)")
+"""In a line of SQLite's check: a page that was not read, with an extended code."""
 _LOG_MAGIC = (b"\x37\x7f\x06\x82", b"\x37\x7f\x06\x83")
 _HEADLESS = "it does not begin as a database does"
 _TABLES = {"meta", "runs", "blocks", "records", "layouts", "stage_states", "forecasts", "events"}
@@ -51,7 +57,7 @@ def find_loss(path: Path, machine: str, records_dir: Path | None, beat: Beat) ->
         if not found and not _is_logged(path):
             return None
         return Loss("it is missing" if not path.exists() else "the file is empty", found)
-    reason = damage_of(path, machine, records_dir)
+    reason = confirmed(lambda: damage_of(path, machine, records_dir))
     if reason is not None:
         return Loss(f"it was damaged ({reason})", all_days())
     if records_dir is None or not has_header(path):
@@ -62,11 +68,16 @@ def find_loss(path: Path, machine: str, records_dir: Path | None, beat: Beat) ->
 def damage_of(path: Path, machine: str, records_dir: Path | None = None) -> str | None:
     """Return the damage of a store, or None; another program's database, or none at all, is not damaged.
 
-    A file that does not begin as a database does counts as ours where a log or published files are beside it.
+    A file that does not begin as a database does counts as ours where a log or published files are beside it. It must
+    not be open in this process, see :func:`monitor.records.database.refuse_unsuitable`.
+
+    Raises:
+        OSError, StoreError: the file cannot be read now, which is no damage.
     """
-    if not has_header(path):
+    if not has_header(path, strict=True):
         if not path.exists() or not path.stat().st_size:
             return None
+        _read(path)
         beside = _is_logged(path) or (records_dir is not None and published_files(records_dir, machine))
         return _HEADLESS if beside or _is_ours(path) else None
     try:
@@ -77,10 +88,54 @@ def damage_of(path: Path, machine: str, records_dir: Path | None = None) -> str 
     except UnicodeDecodeError as error:
         return str(error)
     except sqlite3.DatabaseError as error:
-        # A UnicodeDecodeError has no code; a missing table is SQLITE_ERROR.
-        if getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR) & 0xFF not in _CORRUPT:
+        if not _says_damage(error):
             raise StoreError(f"{path}: {error}") from error
+        # SQLite reports what the system cannot read as a malformed database, too.
+        _read(path)
         return str(error)
+
+
+def damage_in_use(path: Path) -> str | None:
+    """Return the damage of a store that this process may have open, or None; StoreError where it cannot be read."""
+    try:
+        try:
+            with closing(opened(path, "ro")) as connection:
+                found = _found_wrong(connection, path, None)
+        except (UnicodeDecodeError, sqlite3.DatabaseError) as error:
+            if isinstance(error, sqlite3.DatabaseError) and not _says_damage(error):
+                raise
+            found = str(error)
+        if found is not None:
+            _read(path, in_use=True)
+    except (sqlite3.DatabaseError, OSError) as error:
+        raise StoreError(f"{path}: {error}") from error
+    return found
+
+
+def _says_damage(error: sqlite3.DatabaseError) -> bool:
+    """Return whether an error tells of a malformed database, or of a table that is missing in one of ours."""
+    code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_ERROR)
+    return code & 0xFF == sqlite3.SQLITE_ERROR or kind_of(error) is Kind.DAMAGE
+
+
+def _read(path: Path, *, in_use: bool = False) -> None:
+    """Read a file page by page, as SQLite does, where it is large both ends; OSError where the system cannot.
+
+    The descriptor of a store in use stays open: to close it would release the locks of SQLite, see
+    :func:`monitor.records.database.refuse_unsuitable`.
+    """
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        size = os.fstat(handle).st_size
+        ends = {
+            *range(0, min(size, CHECKED_BYTES), _PAGE_BYTES),
+            *range(max(0, size - CHECKED_BYTES), size, _PAGE_BYTES),
+        }
+        for place in sorted(ends):
+            os.pread(handle, _PAGE_BYTES, place)
+    finally:
+        if not in_use:
+            os.close(handle)
 
 
 def _is_logged(path: Path) -> bool:
@@ -108,7 +163,8 @@ def _is_ours(path: Path) -> bool:
         return False
 
 
-def _found_wrong(connection: sqlite3.Connection, path: Path, machine: str) -> str | None:
+def _found_wrong(connection: sqlite3.Connection, path: Path, machine: str | None) -> str | None:
+    """Return the damage of a store of a machine (None: any); a larger one is read at its newest blocks only."""
     tables = {row[0] for row in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     if not tables & _TABLES:
         return None
@@ -116,12 +172,14 @@ def _found_wrong(connection: sqlite3.Connection, path: Path, machine: str) -> st
         return f"the table {min(_TABLES - tables)} is missing"
     meta = dict(connection.execute("SELECT key, value FROM meta"))
     version = meta.get("schema_version", "")
-    if meta.get("machine", machine) != machine or (version.isdigit() and int(version) > STORE_VERSION):
+    if machine not in (None, meta.get("machine", machine)) or (version.isdigit() and int(version) > STORE_VERSION):
         return None
     if not version.isdigit() or connection.execute("PRAGMA application_id").fetchone()[0] != APPLICATION_ID:
         return "it does not say what it is"
     if path.stat().st_size <= CHECKED_BYTES:
         problem = connection.execute("PRAGMA integrity_check(1)").fetchone()[0]
+        if (unread := _UNREAD.search(problem)) and int(unread[1]) & 0xFF == sqlite3.SQLITE_IOERR:
+            raise OSError(errno.EIO, f"a page of it cannot be read ({unread[0]})")
         if problem != "ok":
             return " ".join(problem.split())
         query = "SELECT count(*) FROM blocks WHERE id NOT IN (SELECT block FROM records)"

@@ -66,12 +66,17 @@ def read_damaged(path: Path) -> Iterator[sqlite3.Connection]:
             path.with_name(f"{path.name}.mended{suffix}").unlink(missing_ok=True)
 
 
-def has_header(path: Path) -> bool:
-    """Return whether a file begins as a database does, with a whole first page."""
+def has_header(path: Path, *, strict: bool = False) -> bool:
+    """Return whether a file begins as a database does, with a whole first page.
+
+    One that is there and cannot be read has none or, where ``strict``, raises OSError.
+    """
     try:
         with path.open("rb") as file:
             return len(page := file.read(_PAGE)) == _PAGE and page.startswith(MAGIC)
-    except OSError:
+    except OSError as error:
+        if strict and not isinstance(error, FileNotFoundError):
+            raise
         return False
 
 

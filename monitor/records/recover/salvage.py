@@ -111,13 +111,17 @@ def open_or_salvage(
         beat: called repeatedly during a recovery, which may take minutes.
 
     Raises:
-        StoreError: as :meth:`Store.open` does, and where there is no room for the new store; the old one is unchanged.
+        StoreError: as :meth:`Store.open` does, where the store cannot be read now, and where there is no room for the
+            new one; the old one is unchanged.
     """
     path = Path(path)
     try:
         finish_restore(Places(path, records_dir or path.parent))
         _finish(path, clock())
-        loss = find_loss(path, machine, records_dir, beat)
+        try:
+            loss = find_loss(path, machine, records_dir, beat)
+        except (OSError, sqlite3.Error) as error:
+            raise StoreError(f"{path}: cannot be checked: {error}") from error
         report = None if loss is None else _salvage(path, machine, loss, records_dir, clock(), beat)
     except (OSError, sqlite3.Error) as error:
         raise StoreError(f"{path}: is damaged, and what is left cannot be saved: {error}") from error

@@ -13,7 +13,7 @@ import pytest
 
 from monitor.health import step as stages
 from monitor.health.record import Record
-from monitor.records.database import UnstorableError
+from monitor.records.failures import UnstorableError
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
 from monitor.service.ingest import Ingest
