@@ -29,7 +29,6 @@ from monitor.records.failures import (
 )
 from monitor.records.recover.loss import damage_in_use
 from monitor.records.recover.salvage import open_or_salvage
-from monitor.records.store import Store
 from monitor.service.acknowledgements import Acknowledgements
 from monitor.service.companions import Companions
 from monitor.service.ingest import Ingest

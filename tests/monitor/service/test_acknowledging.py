@@ -17,7 +17,7 @@ from monitor.health.state import SourceSettings
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
-from monitor.service.daemon import Acknowledgements
+from monitor.service.acknowledgements import Acknowledgements
 from monitor.service.ingest import Ingest
 from monitor.service.machine_status import channel_condition, shown_alarms
 from monitor.service.setup import source_settings
