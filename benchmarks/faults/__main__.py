@@ -15,12 +15,12 @@ import json
 import random
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from benchmarks.common import Row, print_table, write_json
 from benchmarks.faults.cases import Case, all_cases
-from benchmarks.faults.judge import DEAD, Verdict, judge
+from benchmarks.faults.judge import DEAD, WRONGS, Verdict, judge
 from benchmarks.faults.life import ROOT, START_S, Life
 
 _CASES_A_LIFE = 40
@@ -49,25 +49,24 @@ def run(cases: list[Case], tree: Path) -> Iterator[Verdict]:
                     break
 
 
-def summary(rows: list[Row]) -> Row:
+def summary(rows: Sequence[Row]) -> Row:
     """Return the counts of the cases of a run that fired."""
     times = [row["goes_on_s"] or 0.0 for row in rows if str(row["case"]).startswith("steady")]
-    counts = {name: sum(bool(row[name]) for row in rows) for name in ("lost", "doubled", "changed", "wrong")}
+    counts = {name: sum(bool(row[name]) for row in rows) for name in (*WRONGS, "wrong")}
     ended = sum(row["exit"] is not None for row in rows if str(row["case"]).startswith(("steady", "start")))
     return {"fired": len(rows), **counts, "ended": ended, "longest_s": max(times, default=0.0)}
 
 
 def keep(path: Path, label: str, tree: Path, row: Row) -> None:
-    """Put a row in the place of that of the same case in a run of the file; rows of another commit go."""
+    """Put a row, with the commit of the tree, in the place of that of the same case in a run of the file."""
     kept = json.loads(path.read_text()) if path.is_file() else {}
     commit = subprocess.run(
         ["git", "describe", "--always", "--dirty"], cwd=tree, capture_output=True, text=True, check=True
     ).stdout.strip()
     runs = {name: kept[name] for name in LABELS if name in kept}
-    earlier = runs.get(label, {})
-    rows = earlier["rows"] if earlier.get("commit") == commit else []
-    rows = sorted([*(each for each in rows if each["case"] != row["case"]), row], key=lambda each: each["case"])
-    runs[label] = {"commit": commit, **summary(rows), "rows": rows}
+    others = [each for each in runs.get(label, {"rows": []})["rows"] if each["case"] != row["case"]]
+    rows = sorted([*others, {**row, "commit": commit}], key=lambda each: each["case"])
+    runs[label] = {**summary(rows), "rows": rows}
     write_json(path, runs)
 
 

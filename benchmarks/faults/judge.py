@@ -14,6 +14,7 @@ from benchmarks.faults.life import START_S, Life, held, wrongs
 
 GOES_ON_S = 5.0
 """Time from the end of a fault in which all traffic must pass again."""
+WRONGS = ("lost", "doubled", "changed", "rejected")
 DEAD = "does not start again"
 _WHILE_S = 1.5
 _GIVE_UP_S = 20.0
@@ -34,7 +35,7 @@ class Verdict:
         case: which.
         fired: calls that failed.
         where: file of the first of them.
-        lost, doubled, changed: acknowledged blocks.
+        wrongs: what :func:`benchmarks.faults.life.wrongs` found more than before.
         goes_on_s: from the end of the fault until all traffic passed; None where it did not.
         exit_code: of a daemon or a command that ended; None where it did not.
         told: where the fault is told: "status", "log", "exit"; "" nowhere.
@@ -46,9 +47,7 @@ class Verdict:
     case: Case
     fired: int = 0
     where: str = ""
-    lost: int = 0
-    doubled: int = 0
-    changed: int = 0
+    wrongs: dict[str, int] = field(default_factory=dict)
     goes_on_s: float | None = None
     exit_code: int | None = None
     told: str = ""
@@ -60,7 +59,7 @@ class Verdict:
         """Return a row of the table."""
         told = self.told or ("" if self.noticed else "absorbed")
         seconds = None if self.goes_on_s is None else round(self.goes_on_s, 2)
-        counts = {"fired": self.fired, "lost": self.lost, "doubled": self.doubled, "changed": self.changed}
+        counts = {"fired": self.fired, **{name: self.wrongs.get(name, 0) for name in WRONGS}}
         ended = {"goes_on_s": seconds, "exit": self.exit_code, "told": told, "wrong": "; ".join(self.problems)}
         return {"case": self.case.name, "where": self.where, **counts, **ended, "text": self.text[:200]}
 
@@ -84,8 +83,9 @@ def judge(life: Life, case: Case, goes_on_s: float = GOES_ON_S) -> Verdict:
     except sqlite3.Error as error:
         verdict.problems.append(f"the store cannot be read: {error}")
     else:
-        verdict.lost, verdict.doubled, verdict.changed = found["lost"], found["doubled"], found["changed"]
-        verdict.problems += [f"{count} {name}" for name, count in found.items() if count]
+        verdict.wrongs = {name: count - life.known_wrongs.get(name, 0) for name, count in found.items()}
+        life.known_wrongs = found
+        verdict.problems += [f"{count} {name}" for name, count in verdict.wrongs.items() if count]
     return verdict
 
 

@@ -99,6 +99,8 @@ class Life:
             path.write_text(_CONFIG.format(**words, **ports, rate=RATE))
         self.store = self.folder / "state" / "state.db"
         self.log = self.folder / "log"
+        self.known_wrongs: dict[str, int] = {}
+        """What :func:`wrongs` found last."""
         self.daemon = self.start()
         self.blocks = Blocks(ports["tcp"])
         self.files = Files(self.folder / "in", self.store)
@@ -209,15 +211,20 @@ def held(store: Path) -> dict[tuple[str, int], str]:
     return found
 
 
-def wrongs(life: Life, names: Mapping[str, str] | None = None) -> dict[str, int]:
-    """Return how many acknowledged blocks of the store of a life are lost, doubled and changed."""
+def wrongs(life: Life) -> dict[str, int]:
+    """Return how many blocks that a life was given are lost, doubled, changed, and how many of its files rejected.
+
+    Lost and changed are acknowledged blocks; a rejected file is one of which the store holds no content.
+    """
     acknowledged = dict(life.blocks.acknowledged)
     found = held(life.store)
     stream = {number: content for (source, number), content in found.items() if source == STREAM}
     files = [content for (source, _), content in found.items() if source == FOLDER]
+    whole = [content for content in files if content]
     return {
         "lost": sum(number not in stream for number in acknowledged) + len(life.blocks.went_back),
-        "doubled": len(stream) - len(set(stream.values())) + len(files) - len(set(files)),
+        "doubled": len(stream) - len(set(stream.values())) + len(whole) - len(set(whole)),
         "changed": sum(stream.get(number, content) != content for number, content in acknowledged.items())
-        + sum(content not in (names or life.files.given).values() for content in files),
+        + sum(content not in life.files.given.values() for content in whole),
+        "rejected": len(files) - len(whole),
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -14,6 +15,7 @@ from streams.files.load import Loader, cutter_of, renamed
 from streams.files.parse.riff import is_open_wav
 from streams.folder.copying import Order
 from streams.folder.life import (
+    MAX_INCOMPLETE_S,
     BlockDelivered,
     ChangedMeanwhile,
     Committed,
@@ -25,9 +27,10 @@ from streams.folder.life import (
     ReadingBegun,
     ReadingEnded,
     Retried,
+    next_attempt,
 )
 from streams.folder.reading import Background, FileTask, Raw, Result, UnfinishedError, count_block, read_file
-from streams.folder.register import MAX_INCOMPLETE_S, Register
+from streams.folder.register import Register
 from streams.reblock import Cut, Numbering
 from streams.types.block import Block, Rejected
 from streams.types.listing import unpacked_name
@@ -35,14 +38,11 @@ from streams.types.samples import ReaderError, Samples
 from streams.types.source import ACCEPTED, PENDING, POISONED, Delivery, FileProgress, Ledger
 from streams.types.spec import SourceSpec
 
+_LOG = logging.getLogger(__name__)
 _MAX_AHEAD_FILES = 8
 _MAX_AHEAD_BYTES = 1 << 26
 _MAX_SORTED_S = 30 * 86400.0
 """Files read ahead whose times are farther apart are of a clock that was wrong."""
-_MAX_WAIT_S = {"incomplete": MAX_INCOMPLETE_S, "empty": MAX_INCOMPLETE_S}
-# A side-car may be written after its file.
-_RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
-_MAX_RETRY_SETTLES = 10.0
 _GROWS = ("csv", "tdms")
 """Formats whose files are appended to while they are read."""
 
@@ -212,12 +212,13 @@ class Intake:
                 self._register.tell(entry, Postponed(now + MAX_INCOMPLETE_S))
             return None
         except ReaderError as error:
-            retry = _MAX_RETRY_SETTLES * self._spec.settle_s if error.status in _RETRIED else 0.0
-            wait = _MAX_WAIT_S.get(error.status, retry)
-            if now - entry.state.changed < wait and entry.state.absent is None:
-                self._register.tell(entry, Postponed(entry.state.changed + wait))
-            else:
+            due = next_attempt(entry.state, error, self._spec.settle_s, now)
+            if due is None:
                 self._reject(entry, raw, facts, error)
+            else:
+                if error.may_pass:
+                    _LOG.warning("source %s: %s; it is tried again", self._spec.name, error)
+                self._register.tell(entry, Postponed(due))
             return None
         if self._is_reordered(entry):
             return None

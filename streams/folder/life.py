@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 
 from streams.folder.copying import Order
 from streams.types.listing import Stat
-from streams.types.samples import Origin
+from streams.types.samples import Origin, ReaderError
 from streams.types.source import PENDING, FileProgress
 
 Phase = Literal["queued", "deferred", "taken", "reading", "held", "delivered", "finished"]
@@ -22,6 +22,12 @@ because samples of it wait for more, "delivered" entirely, "finished" under its 
 Action = Literal["queue", "defer", "remember", "finish"]
 """Put it in the queue; skip it until it is due; store in the ledger that it is read, and count it; count it."""
 PHASES: tuple[Phase, ...] = get_args(Phase)
+MAX_INCOMPLETE_S = 600.0
+"""Time without a change after which an incomplete file is rejected."""
+# A side-car may be written after its file.
+_RETRIED = ("unreadable", "short", "wrong_shape", "wrong_rate", "wrong_unit")
+_MAX_RETRY_SETTLES = 10.0
+_REFUSED_PAUSE_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +63,18 @@ class FileState:
     outstanding: int = 0
     blocks: int = 0
     released: bool = False
+
+
+def next_attempt(state: FileState, error: ReaderError, settle_s: float, now: float) -> float | None:
+    """Return when a file that could not be read is read again (monotonic, s); None where it is rejected.
+
+    Where the system refused it for want of something (:attr:`ReaderError.may_pass`), it is tried again and again.
+    """
+    retry = _MAX_RETRY_SETTLES * settle_s if error.status in _RETRIED else 0.0
+    wait = MAX_INCOMPLETE_S if error.may_pass or error.status in ("incomplete", "empty") else retry
+    if now - state.changed >= wait or state.absent is not None:
+        return None
+    return now + max(settle_s, _REFUSED_PAUSE_S) if error.may_pass else state.changed + wait
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from streams.files.sidecar import is_sidecar
 from streams.folder.copying import HOLD, Awaited, CopyDetector, Order
 from streams.folder.inquiry import ARCHIVED, Inquiry
 from streams.folder.life import (
+    MAX_INCOMPLETE_S,
     Committed,
     FileEntry,
     FileEvent,
@@ -28,10 +29,6 @@ from streams.folder.life import (
 )
 from streams.types.listing import Stat, is_likely_same, natural_key, shown, unshown
 from streams.types.source import ACCEPTED, PENDING, POISONED, RELEASED, Backlog, FileProgress, Ledger
-
-MAX_INCOMPLETE_S = 600.0
-"""Time without a change after which an incomplete file is rejected."""
-
 
 MAX_COMPARED = 512
 """Files that are done whose names are compared with those that wait."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from math import prod
@@ -27,6 +28,14 @@ RATE_TOLERANCE = 1e-4
 """Rates that differ by no more than this part are the same rate, written or measured differently."""
 
 
+_PASSING = frozenset(
+    (
+        *(errno.EAGAIN, errno.EBUSY, errno.EINTR, errno.EIO, errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOLCK),
+        *(errno.ENOMEM, errno.ESTALE, errno.ETIMEDOUT),
+    )
+)
+
+
 class ReaderError(SpallwatchError):
     """A file cannot be read; ``status`` is a rejection status of the interface."""
 
@@ -34,6 +43,11 @@ class ReaderError(SpallwatchError):
         """Keep the rejection status beside the message."""
         super().__init__(reason)
         self.status = status
+
+    @property
+    def may_pass(self) -> bool:
+        """Whether the system refused what it may give a moment later, so that it says nothing of the file."""
+        return isinstance(self.__cause__, OSError) and self.__cause__.errno in _PASSING
 
 
 @dataclass(eq=False)

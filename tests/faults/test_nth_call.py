@@ -133,13 +133,13 @@ def test_blocks_that_are_lost_doubled_or_changed_are_counted(tmp_path: Path) -> 
         return wrongs(cast("Any", life))
 
     whole = {1: "0a", 2: "0b", 3: "0c"}
-    assert found(whole, {"x": "0d"}) == {"lost": 0, "doubled": 0, "changed": 0}
+    assert found(whole, {"x": "0d"}) == {"lost": 0, "doubled": 0, "changed": 0, "rejected": 0}
     assert found(whole | {4: "0e"}, {"x": "0d"})["lost"] == 1
     assert found(whole | {2: "ff"}, {"x": "0d"})["changed"] == 1
     assert found(whole, {"x": "0e"})["changed"] == 1
     with closing(sqlite3.connect(store)) as connection, connection:
-        connection.execute("INSERT INTO blocks VALUES ('t', 4, '0c')")
-    assert found(whole, {"x": "0d"})["doubled"] == 1
+        connection.execute("INSERT INTO blocks VALUES ('t', 4, '0c'), ('f', 2, '')")
+    assert found(whole, {"x": "0d"}) == {"lost": 0, "doubled": 1, "changed": 0, "rejected": 1}
 
 
 @pytest.fixture(scope="module")

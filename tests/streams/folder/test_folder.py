@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from pathlib import Path
@@ -168,6 +169,31 @@ def test_damage_is_given_time_and_then_a_status(rig: Rig) -> None:
     assert isinstance(item, Rejected)
     assert (item.name, item.status) == ("a.csv", "unreadable")
     assert rig.source.backlog().rejected == 1
+
+
+@pytest.mark.parametrize("number", [errno.EMFILE, errno.ENFILE, errno.EIO])
+def test_a_file_that_the_system_refuses_for_a_while_is_read_later(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    opened, refused = os.open, [0]
+
+    def refusing(path: str, flags: int, *others: int) -> int:
+        if str(path).endswith("a.csv") and rig.clock.now < until:
+            refused[0] += 1
+            raise OSError(number, os.strerror(number))
+        return opened(path, flags, *others)
+
+    monkeypatch.setattr(os, "open", refusing)
+    until = rig.clock.now + 300.0
+    put(rig, "a.csv", 0)
+    put(rig, "b.csv", 1)
+    assert verdicts(rig.run(250.0)) == [("b.csv", "accepted")]
+    assert refused[0] > 100
+    assert verdicts(rig.run(60.0)) == [("a.csv", "accepted")]
+    until = rig.clock.now + 700.0
+    put(rig, "a.csv", 2)
+    assert verdicts(rig.run(590.0)) == []
+    assert [verdict for _, verdict in verdicts(rig.run(30.0))] == ["unreadable"]
 
 
 def test_a_lying_header_waits_as_long_as_what_it_promises_may_come(rig: Rig) -> None:
