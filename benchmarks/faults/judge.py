@@ -86,6 +86,7 @@ def judge(life: Life, case: Case, goes_on_s: float = GOES_ON_S) -> Verdict:
         verdict.wrongs = {name: count - life.known_wrongs.get(name, 0) for name, count in found.items()}
         life.known_wrongs = found
         verdict.problems += [f"{count} {name}" for name, count in verdict.wrongs.items() if count]
+    verdict.text = verdict.text.replace(f"{life.folder}/", "")
     return verdict
 
 
@@ -250,9 +251,8 @@ def _command_problems(first: subprocess.CompletedProcess[str], again: subprocess
 
 def _copy_problems(life: Life, backups: Path | None, *, restored: bool) -> list[str]:
     """Compare what a command wrote with the store: every block that a copy has is that of the store."""
-    stores = (
-        [] if backups is None else [path / "state.db" for path in backups.iterdir() if not path.name.startswith(".")]
-    )
+    made = () if backups is None else backups.glob("*/state.db")
+    stores = [path for path in made if not path.parent.name.startswith(".")]
     if restored:
         stores.append(life.folder / "other-state" / "state.db")
     truth, found = held(life.store), list[str]()
