@@ -130,6 +130,11 @@ class Blocks(Traffic):
             self._link.close()
             raise
 
+    def end(self) -> None:
+        """End the thread and close the connection."""
+        super().end()
+        self._link.close()
+
     def _note(self, answer: int) -> None:
         most = max(self.acknowledged, default=0)
         if answer < most:
