@@ -14,7 +14,7 @@ import spallwatch as sw
 from monitor.cli import spallwatch
 from spallwatch.recordings import DoubtedTimeWarning
 from streams.types.stamps import date_folders, day_in_folders
-from tests.spallwatch.test_doubtful_times import MAKERS, RIGHT
+from tests.support.dated_files import MAKERS, RIGHT
 
 ENDINGS = {"csv": ".csv", "npy": ".npy", "wav": ".wav", "hdf5": ".h5", "tdms": ".tdms"}
 DAY = 86400.0

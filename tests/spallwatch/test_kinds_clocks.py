@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.support.dated_files import DOUBTED
 from tests.support.stated_files import (
     RATE,
     iso,
@@ -26,7 +27,6 @@ from tests.support.ways_in import by_hand, channel_table
 FIRST = datetime(2026, 3, 28, 12, 0, tzinfo=UTC)
 EVERY = timedelta(minutes=10)
 RIGHT = [FIRST + index * EVERY for index in range(6)]
-DOUBTED = {"clock", "late", "out_of_order"}
 
 
 def _samples(index: int) -> np.ndarray:

@@ -11,13 +11,12 @@ import pytest
 import soundfile
 
 import spallwatch as sw
-from streams.link.wire import decode_frame, encode_frame
+from streams.link.wire import Frame, decode_frame, encode_frame
 from streams.open import open_source
 from streams.types.block import Block, Rejected
 from streams.types.samples import Samples
 from streams.types.spec import ChannelSpec, SourceSpec
 from tests.streams.format_makers import RATE, csv_bytes, hdf5_bytes, netcdf_bytes, signal, tdms_bytes
-from tests.streams.link.test_wire import make
 
 MM = 1e-3
 SPELLED = {"mm/s": MM, "m/s": 1.0, "in/s": 25.4 * MM, "ips": 25.4 * MM, "µm/s": 1e-3 * MM, "cm/s": 10.0 * MM}
@@ -126,7 +125,8 @@ def test_an_analysis_file_in_si_says_by_its_type_what_it_holds(tmp_path: Path) -
 
 
 def test_a_live_frame_states_it_and_another_quantity_is_not_taken_for_it() -> None:
-    frame = decode_frame(encode_frame(make(units=("mm/s", "g"))))
+    sent = Samples(np.ones((2, 10)), rate=RATE, channels=("a", "b"), units=("mm/s", "g"))
+    frame = decode_frame(encode_frame(Frame(samples=sent, sequence=3)))
     assert frame.samples.units == ("mm/s", "g")
     samples = Samples(np.ones((1, 4)), units=("mm/s",), rate=100.0)
     assert replace(samples, names=("v",)).select([0]).units == ("mm/s",)

@@ -281,7 +281,7 @@ def test_numbered_files_keep_their_numbers_and_what_takes_a_number_twice_is_said
 
     def write(name: str, seed: int) -> None:
         values = noise(2560, seed)
-        lines = (f"9,0,{i // 1000},{i % 1000},{value:.3f},{value:.3f}\n" for i, value in enumerate(values))
+        lines = (f"9,0,0,{i / 0.0256:.3f},{value:.3f},{value:.3f}\n" for i, value in enumerate(values))
         (tmp_path / name).write_text("".join(lines))
 
     write("acc_00001.csv", 1)
