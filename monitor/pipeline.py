@@ -334,7 +334,7 @@ class Pipeline:
     @property
     def store_fails(self) -> bool:
         """Whether the latest attempt to use the store failed."""
-        return self._store_error is not None
+        return self.failures.problem is not None
 
     def problems(self) -> dict[str, str]:
         """Return why the latest block of a source could not be analysed, and under "store" why none is committed."""
