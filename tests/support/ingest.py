@@ -9,6 +9,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from models.platform.supervision import Restarts
 from monitor.health.state import SourceSettings
 from monitor.records.ledger import StoreLedger
 from monitor.records.store import Store
@@ -54,6 +55,15 @@ class Queue:
 
     def assumes_interval(self) -> bool:
         return False
+
+    def ready_blocks(self) -> int:
+        return self.queued_blocks()
+
+    def tend(self) -> None:
+        pass
+
+    def restarts(self) -> tuple[Restarts, ...]:
+        return ()
 
     def queued_blocks(self) -> int:
         return len(self.waiting)
