@@ -206,7 +206,7 @@ def test_recordings_are_replayed_where_a_configuration_is_given(
     rng = np.random.default_rng(1)
     for number in range(1, 4):
         rows = rng.normal(size=2560)
-        lines = [f"9,39,{number},{i},{value:.3f},{value:.3f}\n" for i, value in enumerate(rows)]
+        lines = [f"9,39,{number},{i / 0.0256:.3f},{value:.3f},{value:.3f}\n" for i, value in enumerate(rows)]
         (recordings / f"acc_{number:05d}.csv").write_text("".join(lines))
     config = Path(__file__).parents[3] / "examples" / "pronostia_1800rpm_4000n.toml"
     run = BatchRun(recordings, "take_1", recording=True)

@@ -314,7 +314,7 @@ def test_a_copy_with_other_numbers_takes_no_number(tmp_path: Path, block_s: Any)
 
 
 def test_numbers_that_come_twice_are_judged_alike(tmp_path: Path) -> None:
-    lines = b"".join(b"9,39,39,%d,0.%03d,0.5\n" % (index, index % 997) for index in range(2560))
+    lines = b"".join(b"9,39,39,%.3f,0.%03d,0.5\n" % (index / 0.0256, index % 997) for index in range(2560))
     (tmp_path / "acc_00001.csv").write_bytes(lines)
     (tmp_path / "acc_00001.csv.gz").write_bytes(gzip.compress(lines))
     (tmp_path / "acc_00002.csv").write_bytes(lines.replace(b"0.5", b"0.6"))

@@ -24,7 +24,7 @@ from streams.types.spec import ChannelSpec, SourceSpec
 ROOT = Path(__file__).parents[3]
 FLOORS = tuple(f"{ROOT / floor}/" for floor in ("models", "streams", "spallwatch"))
 RATE = 1000.0
-MAX_CALLS = {"npy": 180, "wav": 202, "tdms": 192, "csv": 190}
+MAX_CALLS = {"npy": 188, "wav": 210, "tdms": 200, "csv": 198}
 """Of functions and generators of the program for a block of a folder, the child that parses it apart, by ending."""
 
 
