@@ -99,7 +99,7 @@ def test_a_row_is_not_guessed() -> None:
         read_layout(wide_text(1.0, lines=2, columns=5000), "x.csv")
     assert caught.value.status == "refused"
     with pytest.raises(ReaderError, match="line 1, column 300: expected a number, found ''"):
-        read_layout(wide_text(1.0, lines=1, columns=299)[:-1] + b",\n", "x.csv")
+        read_layout(wide_text(1.0, lines=1, columns=299)[:-1] + b",,1.0\n", "x.csv")
 
 
 def test_blocks_of_one_file_are_limited(tmp_path: Path) -> None:
