@@ -76,6 +76,9 @@ def _channels(desk: ImportDesk, draft: Draft, points: int) -> Iterator[ChannelPr
             factor = level.rms / stored.rms * row.factor
         elif level is None:
             factor, level = (scale_of(row, draft) or 1.0) * row.factor, stored.times(scale_of(row, draft) or 1.0)
+        unit = "" if level_in_g(row, draft) is None else "g"
+        if unit_of(row, desk.answers.of(row, desk.seen)) == VELOCITY:
+            unit = VELOCITY
         lines = {}
         if bearing is not None and speed is not None and speed > 0.0:
             found = kinematics(bearing.geometry(), speed)
@@ -83,11 +86,7 @@ def _channels(desk: ImportDesk, draft: Draft, points: int) -> Iterator[ChannelPr
         yield ChannelPreview(
             name=name,
             bearing="" if bearing is None else bearing.designation or "by its geometry",
-            unit=VELOCITY
-            if unit_of(row, desk.answers.of(row, desk.seen)) == VELOCITY
-            else ""
-            if level_in_g(row, draft) is None
-            else "g",
+            unit=unit,
             rms=level.rms,
             peak=level.peak,
             lines=lines,

@@ -104,10 +104,11 @@ def back_up(contents: Contents, folder: Path, *, keep: int, utc: float, min_free
     try:
         make_folder(folder)
         with exclusive(folder / contents.machine, busy):
-            for left in folder.glob(f".{contents.machine}-*.partial"):
-                if _is_of(contents.machine, left.stem[1:]):
-                    sync_folder(folder)
-                    shutil.rmtree(left)
+            left = [path for path in folder.glob(".*.partial") if _is_of(contents.machine, path.stem[1:])]
+            if left:
+                sync_folder(folder)
+            for path in left:
+                shutil.rmtree(path)
             earlier = backups_of(folder, contents.machine)
             before = _read_manifest(earlier[-1]) if earlier else None
             _refuse_full_disk(contents, folder, min_free, before)

@@ -143,9 +143,10 @@ def refuse_spectrum(axis: Abscissa | None, where: str) -> None:
 
 def refuse_lost_rows(axis: Abscissa, values: NDArray[np.floating], where: str) -> None:
     """Raise ReaderError ``wrong_rate`` for a running number that counts by ones but leaves numbers out."""
-    if axis.kind != "index" or not axis.is_named or len(values) < _MIN_EVEN or counts(values):
+    if axis.kind != "index" or not axis.is_named or len(values) < _MIN_EVEN:
         return
-    steps = np.diff(contiguous(values, np.float64))
+    with np.errstate(invalid="ignore"):
+        steps = np.diff(contiguous(values, np.float64))
     jumps = np.flatnonzero(steps != 1.0)
     ahead = steps[jumps]
     if 2 * jumps.size >= steps.size or np.any(ahead < 2.0) or np.any(ahead != np.rint(ahead)):
@@ -159,16 +160,17 @@ def refuse_lost_rows(axis: Abscissa, values: NDArray[np.floating], where: str) -
 
 def turns(values: NDArray[np.floating]) -> bool:
     """Return whether a row falls and rises as signals do: at least a fifth of its steps each."""
-    steps = np.diff(np.asarray(values[:_MAX_LOOKED], dtype=np.float64))
-    return bool(min(np.count_nonzero(steps > 0.0), np.count_nonzero(steps < 0.0)) * 5 > steps.size)
+    looked = np.asarray(values[:_MAX_LOOKED], dtype=np.float64)
+    before, behind = looked[:-1], looked[1:]
+    return bool(min(np.count_nonzero(behind > before), np.count_nonzero(behind < before)) * 5 > before.size)
 
 
 def counts(values: NDArray[np.floating]) -> bool:
     """Return whether a row counts by ones."""
     count = len(values)
-    if count < _MIN_EVEN or values[-1] - values[0] != count - 1:
+    if count < _MIN_EVEN or float(values[-1]) - float(values[0]) != count - 1:
         return False
-    return not is_any(lambda part: np.diff(part) != 1.0, contiguous(values, np.float64))
+    return not is_any(lambda part: part[1:] != part[:-1] + 1.0, contiguous(values, np.float64))
 
 
 def is_even(values: NDArray[np.floating]) -> bool:

@@ -79,10 +79,11 @@ def circumstances_of(facts: Facts, where: str) -> Circumstances:
     """Judge speed, load and sensitivity among named values; ReaderError as :func:`judge_number`."""
     level = judge_number(level_statements(facts), "sensitivity", where)
     gain, multiplier = _factor_words(facts, GAINS), _factor_words(facts, MULTIPLIERS)
-    divider = _factor_words(facts, ATTENUATIONS)
-    if not gain[1] and divider[0]:
-        # What is no number may be the name of a probe.
-        gain = 1.0 / divider[0], divider[1]
+    if not gain[1]:
+        divider = _factor_words(facts, ATTENUATIONS)
+        if divider[0]:
+            # What is no number may be the name of a probe.
+            gain = 1.0 / divider[0], divider[1]
     words = gain[1]
     if words and level is not None:
         both = "" if gain[0] is None else f", {level:g} or {level * gain[0]:g} mV/g"

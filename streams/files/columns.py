@@ -229,8 +229,10 @@ def with_times(samples: Samples, where: str) -> Samples:
     starts: list[Start] = []
     for title, unit, row in zip(samples.names, samples.units, samples.values, strict=True):
         axis = abscissa_called(re.split(r"[/.]", title)[-1], unit or "")
-        refuse_spectrum(abscissa_of(axis.title, unit or "", row), where)
-        refuse_lost_rows(axis, row, where)
+        found = abscissa_of(axis.title, unit or "", row)
+        refuse_spectrum(found, where)
+        if found is None:
+            refuse_lost_rows(axis, row, where)
         if axis.kind != "time" or kind_of(title, unit or "", row).kind != "time":
             continue
         stated, begins = column_statements(replace(axis, title=title), row, where)

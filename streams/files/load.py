@@ -40,7 +40,7 @@ from streams.types.times import TimeStatement
 if TYPE_CHECKING:
     # At run time the receivers of frames, which call this module too, need no parser.
     from streams.dates.dater import Dater
-from streams.files.datasets import DataSet, FileFacts
+    from streams.files.datasets import DataSet, FileFacts
 
 _LOG = logging.getLogger(__name__)
 _MAX_LISTED = 1000

@@ -12,38 +12,9 @@ import numpy as np
 from streams.files.keys import SUMMER_KEYS, ZONE_KEYS
 from streams.files.statements import Facts, named
 from streams.types.stamps import Stamp, read_stamp
+from streams.types.zone_hours import ZONE_HOURS
 
 _HOUR, _MAX_HOURS = 3600.0, 14.0
-_ABBREVIATIONS = {
-    "CET": 1,
-    "MEZ": 1,
-    "CEST": 2,
-    "MESZ": 2,
-    "WET": 0,
-    "WEST": 1,
-    "EET": 2,
-    "EEST": 3,
-    "MSK": 3,
-    "EST": -5,
-    "EDT": -4,
-    "CDT": -5,
-    "MST": -7,
-    "MDT": -6,
-    "PDT": -7,
-    "AKST": -9,
-    "AKDT": -8,
-    "HST": -10,
-    "JST": 9,
-    "KST": 9,
-    "AEST": 10,
-    "AEDT": 11,
-    "AWST": 8,
-    "NZST": 12,
-    "NZDT": 13,
-    "SAST": 2,
-    **dict.fromkeys(("UTC", "GMT", "Z", "ZULU", "UCT"), 0),
-}
-"""Hours from UTC of abbreviations that stand for one zone alone, which CST, IST and BST do not."""
 _REGIONS = {
     **dict.fromkeys(("w. europe", "mitteleuropaische", "heure normale d'europe centrale"), "Europe/Berlin"),
     "central europe": "Europe/Budapest",
@@ -160,8 +131,8 @@ def _stated_zone(key: str, place: str, value: object) -> StatedZone | None:
     offset = _offset_in(text, ZONE_KEYS[key])
     if offset is not None:
         return StatedZone(place, text, "UTC", offset)
-    if text.upper() in _ABBREVIATIONS:
-        return StatedZone(place, text, "UTC", _HOUR * _ABBREVIATIONS[text.upper()])
+    if text.upper() in ZONE_HOURS:
+        return StatedZone(place, text, "UTC", _HOUR * ZONE_HOURS[text.upper()])
     if text in available_timezones():
         return StatedZone(place, text, text)
     displayed = _DISPLAYED.fullmatch(text)

@@ -14,6 +14,7 @@ from zoneinfo import ZoneInfo
 import numpy as np
 
 from streams.types.signs import in_signs
+from streams.types.zone_hours import ZONE_HOURS
 
 Order = Literal["day_first", "month_first"]
 ORDERS: tuple[Order, ...] = get_args(Order)
@@ -82,8 +83,6 @@ _DATE_FOLDERS = re.compile(
 """Folders that hold nothing but a date: year to minute, one below the other, or a date as the name."""
 _MAX_DATE_FOLDERS = 5
 
-_ZONES = {"Z": 0, "UTC": 0, "GMT": 0, "CET": 1, "MEZ": 1, "CEST": 2, "MESZ": 2}
-"""Hours ahead of UTC of zones that are written in letters behind a time of day."""
 _DIRECTIVES = {
     "Y": r"\d{4}",
     "y": r"\d\d",
@@ -312,8 +311,8 @@ def _offset(text: str | None) -> tzinfo | None:
     if not text:
         return None
     word = text.strip("_ ")
-    if word in _ZONES:
-        return timezone(timedelta(hours=_ZONES[word]))
+    if word in ZONE_HOURS:
+        return timezone(timedelta(hours=ZONE_HOURS[word]))
     digits = re.sub("[:_-]", "", text[1:]).rjust(5)
     minutes = 60 * int(digits[1:3]) + int(digits[3:5])
     return timezone(timedelta(minutes=-minutes if text[0] == "-" else minutes))

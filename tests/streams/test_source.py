@@ -81,10 +81,10 @@ def test_plain_mat_by_key(tmp_path: Path) -> None:
 
 
 def test_named_format_for_a_file_of_any_name(tmp_path: Path) -> None:
-    (tmp_path / "measured.001").write_text("1 2\n3 4\n5 6\n")
+    (tmp_path / "measured.abc").write_text("1 2\n3 4\n5 6\n")
     with pytest.raises(SourceError, match="nothing that is recognised"):
-        open_at(tmp_path / "measured.001", rate=1.0, channels=A)
-    (item,) = list(open_at(tmp_path / "measured.001", format="csv", rate=1.0, block_s="file", channels=A))
+        open_at(tmp_path / "measured.abc", rate=1.0, channels=A)
+    (item,) = list(open_at(tmp_path / "measured.abc", format="csv", rate=1.0, block_s="file", channels=A))
     assert isinstance(item, Block)
     assert_array_equal(item.samples, [[1, 3, 5]])
 

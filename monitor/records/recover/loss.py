@@ -11,6 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+from models.platform.portable import read_at
 from monitor.records.condense import has_condensed, identity_of
 from monitor.records.database import APPLICATION_ID, MAGIC, STORE_VERSION, opened
 from monitor.records.failures import Kind, StoreError, confirmed, kind_of
@@ -132,7 +133,7 @@ def _read(path: Path, *, in_use: bool = False) -> None:
             *range(max(0, size - CHECKED_BYTES), size, _PAGE_BYTES),
         }
         for place in sorted(ends):
-            os.pread(handle, _PAGE_BYTES, place)
+            read_at(handle, _PAGE_BYTES, place)
     finally:
         if not in_use:
             os.close(handle)

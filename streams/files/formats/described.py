@@ -80,7 +80,7 @@ def described(
         rates += _rate_of_stamps(stamped, name)
         starts += in_zone(facts, _start_of_stamps(stamped))
     rate, start = judge_rate(rates, name), judge_start(starts, name)
-    of_columns = with_named_after(of_columns, facts, names, channels)
+    of_columns = _with_named_after(of_columns, facts, names, channels)
     beside = circumstances_of(facts, name)
     own = [circumstances_of(found, name) for found in of_columns]
     found_units = tuple(map(_unit_of, units, of_columns, [facts] * len(names), [name] * len(names)))
@@ -105,7 +105,7 @@ def described(
     return replace(found, values=without_codes(found.values))
 
 
-def with_named_after(
+def _with_named_after(
     of_columns: Sequence[Facts], facts: Facts, names: Sequence[str], channels: Sequence[int]
 ) -> list[Facts]:
     """Add to each column what the head states of it: ``Sensitivity AI0`` beside ``AI0 DE (V)``.

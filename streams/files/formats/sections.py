@@ -18,7 +18,7 @@ _END = re.compile(rb"(?m)^[ \t]*" + re.escape(END_OF_HEAD.encode()) + rb".*\n?")
 
 
 @dataclass(frozen=True)
-class Section:
+class TextSection:
     """A recording of a text as a text of its own, whose own lines begin behind ``above`` and in ``line`` of the file.
 
     ``title`` is the line of the file in which its head ends.
@@ -40,7 +40,7 @@ class Section:
         return ReaderError(error.status, f"{text} (in the recording from line {self.line} on)")
 
 
-def labview_sections(text: bytes, name: str) -> list[Section]:
+def labview_sections(text: bytes, name: str) -> list[TextSection]:
     """Return the segments of a file of LabVIEW, each below the head of the file; none where there is only one.
 
     Raises:
@@ -64,7 +64,7 @@ def labview_sections(text: bytes, name: str) -> list[Section]:
     return list(_cut(text, begins, titles, head))
 
 
-def repeated_sections(text: bytes, heads: Sequence[str], zone: str) -> list[Section]:
+def repeated_sections(text: bytes, heads: Sequence[str], zone: str) -> list[TextSection]:
     """Return the parts of a text that begin with a head that ends in the same line; none where there is only one.
 
     ``heads`` are the lines above the first numbers; ``zone`` is that of stamps.
@@ -91,14 +91,14 @@ def repeated_sections(text: bytes, heads: Sequence[str], zone: str) -> list[Sect
     return list(_cut(text, places, [number + 1 for number in titles], b""))
 
 
-def _cut(text: bytes, begins: Sequence[int], titles: Sequence[int], head: bytes) -> Iterator[Section]:
+def _cut(text: bytes, begins: Sequence[int], titles: Sequence[int], head: bytes) -> Iterator[TextSection]:
     above, line, done = head.count(b"\n"), 1, 0
     for number, (begin, end) in enumerate(pairwise((*begins, len(text)))):
         line, done = line + text.count(b"\n", done, begin), begin
         part = text[begin:end]
         if end < len(text):
             part = part.rstrip(b"\r\n\t, ;") + b"\n"
-        yield Section(head + part, line, titles[number], above)
+        yield TextSection(head + part, line, titles[number], above)
 
 
 def _line(text: bytes, place: int) -> int:

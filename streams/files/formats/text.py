@@ -29,7 +29,7 @@ from streams.files.formats.numbers import (
     parse_row,
     plain_numbers,
 )
-from streams.files.formats.sections import Section, labview_sections, repeated_sections
+from streams.files.formats.sections import TextSection, labview_sections, repeated_sections
 from streams.files.formats.stamped import lines_above_stamps, split_stamps
 from streams.files.parse.worker import from_disk
 from streams.files.successive import successive
@@ -214,7 +214,7 @@ def read_layout(data: Data, name: str, zone: str = "UTC", disregard: Sequence[st
     return _in_sections(sections, name, zone, disregard)
 
 
-def _in_sections(sections: Sequence[Section], name: str, zone: str, disregard: Sequence[str]) -> Samples:
+def _in_sections(sections: Sequence[TextSection], name: str, zone: str, disregard: Sequence[str]) -> Samples:
     """Return the recordings of a text; ``incomplete`` where one has fewer rows than its head says."""
     found: list[tuple[str, Samples]] = []
     for section in sections:

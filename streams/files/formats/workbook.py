@@ -34,7 +34,7 @@ _MIN_DATE_DAYS = 366.0
 
 
 @dataclass
-class Sheet:
+class Worksheet:
     """A sheet as lines: of each row the first column with a cell, from 0, and its cells with tabs between them.
 
     ``tables`` are the rows that begin with a number and hold more numbers than texts.
@@ -54,7 +54,7 @@ class _Workbook:
     epoch: datetime
 
 
-def sheets_of(packed: zipfile.ZipFile, name: str) -> Iterator[Sheet]:
+def sheets_of(packed: zipfile.ZipFile, name: str) -> Iterator[Worksheet]:
     """Yield the sheets of a workbook in order."""
     root = next(
         (target for kind, target in _relations(packed, "", "_rels/.rels").values() if kind == "officeDocument"),
@@ -76,7 +76,7 @@ def sheets_of(packed: zipfile.ZipFile, name: str) -> Iterator[Sheet]:
     formats = list(_formats(packed, of_kind["styles"])) if "styles" in of_kind else []
     book = _Workbook(texts, formats, epoch)
     for title, target in titles:
-        yield _Parser(packed, target, Sheet(title), book, name).sheet
+        yield _Parser(packed, target, Worksheet(title), book, name).sheet
 
 
 def _relations(packed: zipfile.ZipFile, folder: str, part: str) -> dict[str, tuple[str, str]]:
@@ -194,7 +194,7 @@ def _kind_of(code: str | None, number: int) -> str:
 class _Parser:
     """Turns the cells of a sheet into its lines."""
 
-    def __init__(self, packed: zipfile.ZipFile, part: str, sheet: Sheet, book: _Workbook, name: str) -> None:
+    def __init__(self, packed: zipfile.ZipFile, part: str, sheet: Worksheet, book: _Workbook, name: str) -> None:
         """Parse a part; ReaderError as :func:`read_xlsx`."""
         self.sheet, self._book, self._name = sheet, book, name
         self._row, self._column = 0, -1

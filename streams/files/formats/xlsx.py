@@ -10,7 +10,7 @@ from fnmatch import fnmatchcase
 from functools import partial
 
 from streams.files.formats.text import read_layout
-from streams.files.formats.workbook import Sheet, sheets_of
+from streams.files.formats.workbook import Worksheet, sheets_of
 from streams.files.parse.worker import check_claim, from_disk, readable
 from streams.files.successive import successive
 from streams.types.large import Data, stream_of
@@ -63,7 +63,9 @@ def read_xlsx(
     return samples.of_each(lambda one: replace(one, names=tuple(f"{chosen[0].title}/{title}" for title in one.names)))
 
 
-def _one_after_another(sheets: Sequence[Sheet], read: Callable[[Sheet], Samples], name: str, zone: str) -> Samples:
+def _one_after_another(
+    sheets: Sequence[Worksheet], read: Callable[[Worksheet], Samples], name: str, zone: str
+) -> Samples:
     """Return the sheets as recordings; ``wrong_shape`` where they do not hold the same channels at other times."""
     listed = ", ".join(repr(sheet.title) for sheet in sheets)[:400]
     error = ReaderError(
@@ -86,7 +88,7 @@ def _one_after_another(sheets: Sequence[Sheet], read: Callable[[Sheet], Samples]
     return successive([(place, samples) for _, place, samples in found], name, zone)
 
 
-def _read_sheet(sheet: Sheet, *, notes: Sequence[str], name: str, zone: str, disregard: Sequence[str]) -> Samples:
+def _read_sheet(sheet: Worksheet, *, notes: Sequence[str], name: str, zone: str, disregard: Sequence[str]) -> Samples:
     begin = min((sheet.lines[row][0] for row in sheet.tables[:1]), default=0)
     lines = ["\t" * max(0, first - begin) + line for first, line in sheet.lines]
     text = "\n".join([*notes, *lines, ""]).encode()
@@ -110,7 +112,7 @@ def _placed(message: str, name: str, title: str, before: int) -> str:
     return re.sub(rf"^{re.escape(name)}: line (\d+)", place, message)
 
 
-def _chosen(sheets: Sequence[Sheet], keys: Sequence[str], name: str) -> tuple[list[Sheet], bool]:
+def _chosen(sheets: Sequence[Worksheet], keys: Sequence[str], name: str) -> tuple[list[Worksheet], bool]:
     """Return the sheets that are read, and whether a key names them."""
     patterns = [key.rpartition("/")[0] for key in keys if "/" in key]
     asked = [sheet for sheet in sheets if any(fnmatchcase(sheet.title, pattern) for pattern in patterns)]

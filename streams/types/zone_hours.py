@@ -1,0 +1,32 @@
+"""Abbreviations of time zones, as files and texts write them."""
+
+ZONE_HOURS = {
+    "CET": 1,
+    "MEZ": 1,
+    "CEST": 2,
+    "MESZ": 2,
+    "WET": 0,
+    "WEST": 1,
+    "EET": 2,
+    "EEST": 3,
+    "MSK": 3,
+    "EST": -5,
+    "EDT": -4,
+    "CDT": -5,
+    "MST": -7,
+    "MDT": -6,
+    "PDT": -7,
+    "AKST": -9,
+    "AKDT": -8,
+    "HST": -10,
+    "JST": 9,
+    "KST": 9,
+    "AEST": 10,
+    "AEDT": 11,
+    "AWST": 8,
+    "NZST": 12,
+    "NZDT": 13,
+    "SAST": 2,
+    **dict.fromkeys(("UTC", "GMT", "Z", "ZULU", "UCT"), 0),
+}
+"""Hours from UTC of abbreviations that stand for one zone alone, which CST, IST and BST do not."""
