@@ -95,25 +95,27 @@ def by_init(folder: Path, answers: Mapping[str, str], speed: bool = True) -> Cam
     """Run ``init`` on ``folder/data``, answer what it asks in at most three rounds, and replay."""
     came = Came()
     given: dict[str, str] = {"--bearing": "6205-2RS"} | ({"--speed-hz": "24.8"} if speed else {})
-    code, output, said, asked = WRONG_INPUT, "", "", []
+    output, said, asked, is_written = "", "", [], False
     with contextlib.chdir(folder):
         for _ in range(4):
             options = [word for pair in given.items() for word in pair]
             code, output, said = called("init", "data", *options, "--yes", "--force", "--json", "--out", "by_init.toml")
             came.said += said
-            asked = _QUESTION.findall(said) if code == WRONG_INPUT else []
+            # A configuration that has a problem is written, and the exit code says so.
+            is_written = output.startswith("{")
+            asked = _QUESTION.findall(said) if code == WRONG_INPUT and not is_written else []
             came.asked += [each for each in asked if each not in came.asked]
             if not asked or any(each in given or each not in answers for each in asked):
                 break
             given |= {each: answers[each] for each in asked}
             if "--unit" in asked and "--scale" in answers:
                 given["--scale"] = answers["--scale"]
-        if code != 0:
+        if not is_written:
             came.refused = (
                 said.strip().splitlines()[-1] if not asked else f"asks for {', '.join(asked)}: {said.strip()}"
             )
             return came
-        came.problems = json.loads(output).get("problems", []) if output.startswith("{") else []
+        came.problems = json.loads(output).get("problems", [])
         replayed(came, Path("by_init.toml"), Path("by_init"))
     return came
 

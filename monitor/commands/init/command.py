@@ -36,6 +36,7 @@ def _words(ctx: click.Context, param: click.Parameter, value: str | None) -> dic
 
 
 _WIDTH = 88
+DONE, WRONG = 0, 2
 
 
 @click.command("init")
@@ -74,7 +75,8 @@ def command(
 ) -> option.Result:  # fmt: skip
     """Look at the files of PATH, ask what they do not state, and write a configuration that `check` accepts.
 
-    PATH is a folder into which a logger writes, or one recording. Options answer questions in advance.
+    PATH is a folder into which a logger writes, or one recording. Options answer questions in advance. Exit code 2
+    where nothing is written, or what is written has a problem.
     """
     # The factor of a unit such as mV takes precedence.
     answers = Answers(range_g=range_g).answered(given.pop("scale"))
@@ -96,10 +98,10 @@ def command(
     with output_errors("--out", out):
         out.parent.mkdir(parents=True, exist_ok=True)
         out.write_text(found.text, encoding="utf-8")
-    problems = [doubt.text for doubt in found.doubts]
+    problems = [f"{doubt.severity}: {doubt.text}" for doubt in found.doubts]
     values = {"out": str(out), "problems": problems, "machine": found.config.machine.name, "hash": found.config.hash}
-    lines = [f"wrote {out}", *(f"{doubt.severity}: {doubt.text}" for doubt in found.doubts), *_next_steps(seen, out)]
-    return values, lines
+    is_wrong = any(doubt.severity == "problem" for doubt in found.doubts)
+    return values, [f"wrote {out}", *problems, *_next_steps(seen, out)], WRONG if is_wrong else DONE
 
 
 def _check_out(out: Path, *, force: bool, ask: bool, to_stderr: bool) -> None:

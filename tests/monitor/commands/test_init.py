@@ -152,7 +152,7 @@ def test_dates_in_names_are_found_or_asked_for(
     write_named(here / "log", *names)
     typed = "".join(f"{line}\n" for line in answers)
     done = CliRunner().invoke(
-        command, ["log", "--bearing", "6205", "--speed-hz", "9", "--load-newton", "1"], input=typed
+        command, ["log", "--bearing", "6205", "--speed-hz", "9", "--load-newton", "400"], input=typed
     )
     assert done.exit_code == 0, done.output
     assert blocks(load_config(here / "config.toml"))[0].start == start
@@ -164,7 +164,9 @@ def test_what_cannot_be_true_is_said(here: Path) -> None:
     rows = "".join(f"{9.81 + 0.3 * np.sin(i):.4f},{1e6 * np.sin(i):.1f},1500\n" for i in range(3000))
     (folder / "2024-01-02_10-00-00.csv").write_text(f"a (g),b (g),n [rpm]\n{rows}")
     done = run_command("init", "log", "--yes", "--json", "--bearing", "6205", "--rate-hz", "3000", cwd=here)
+    assert done.returncode == 2
     problems = "\n".join(json.loads(done.stdout)["problems"])
+    assert "problem: " in problems
     assert "channel 'a': its mean is 9.81 g, which is gravity in m/s2" in problems
     assert "channel 'b': an RMS of 7.07e+05 g" in problems
     config = load_config(here / "config.toml")
@@ -252,6 +254,24 @@ def test_wrong_input_is_answered_in_words(arguments: list[str], words: str, here
     assert not (here / "config.toml").exists()
 
 
+def test_exit_codes_of_init_and_check_are_those_of_what_was_written(here: Path) -> None:
+    write_named(here / "log", "rec_1.csv", "rec_2.csv")
+    options = ("--yes", "--bearing", "6205", "--speed-hz", "9")
+    warned = run_command("init", "log", *options, "--json", cwd=here)
+    found = json.loads(warned.stdout)["problems"]
+    assert (warned.returncode, {text.partition(":")[0] for text in found}) == (0, {"warning"})
+    assert run_command("check", cwd=here).returncode == 0
+    (here / "log" / "rec_2.csv").write_text("# rate: 2000 Hz\nacc [m/s2]\n" + "1\n-1\n" * 600)
+    wrong = run_command("init", "log", *options, "--force", "--json", cwd=here)
+    assert wrong.returncode == 2
+    assert any(text.startswith("problem: ") for text in json.loads(wrong.stdout)["problems"])
+    assert run_command("check", cwd=here).returncode == 2
+    shutil.rmtree(here / "log")
+    assert run_command("check", cwd=here).returncode == 2
+    gone = run_command("init", "log", *options, "--force", "--json", cwd=here)
+    assert (gone.returncode, gone.stdout) == (2, "")
+
+
 @given(st.text(st.characters(exclude_categories=("Cs",)), max_size=20), st.text(max_size=20))
 def test_a_line_of_any_text_is_read_back(value: str, comment: str) -> None:
     assert tomllib.loads(_pair("key", value, comment)) == {"key": value}
@@ -288,7 +308,9 @@ def test_check_opens_the_last_file_of_many_and_a_recording(here: Path) -> None:
         shutil.copy(here / "log" / names[0], here / "log" / name)
     (here / "log" / names[-1]).write_text("# rate: 500 Hz\nacc [g]\n" + "1\n-1\n" * 600)
     options = ("--yes", "--bearing", "6205", "--speed-hz", "9")
-    assert run_command("init", "log", *options, cwd=here).returncode == 0
+    done = run_command("init", "log", *options, cwd=here)
+    assert (done.returncode, "wrote config.toml" in done.stdout) == (2, True)
+    assert "problem: source[logger].rate_hz: would be rejected" in done.stdout
     checked = json.loads(run_command("check", "--json", cwd=here).stdout)
     assert f"{names[0]}: 1000 Hz, 2 s, 2024-01-02T00:00:00Z" in checked["dating"]["logger"]["ends"][0]
     (problem,) = checked["problems"]
