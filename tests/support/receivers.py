@@ -80,6 +80,7 @@ class Mail:
         login: name and password that it asks for.
         refuse: refuses recipients whose address has this in it, such as "@".
         hang: takes the message and never answers.
+        answer: to a message.
         received: the messages.
         clear: what came before encryption began.
         port: of the server, 0 for any.
@@ -90,6 +91,7 @@ class Mail:
     login: tuple[str, str] | None = None
     refuse: str | None = None
     hang: bool = False
+    answer: str = "250 taken"
     port: int = 0
     received: list[EmailMessage] = field(default_factory=list)
     recipients: list[str] = field(default_factory=list)
@@ -160,7 +162,7 @@ class _MailHandler(socketserver.StreamRequestHandler):
             self.owner.closed.wait(PATIENCE_S)
             return
         self.owner.received.append(email.message_from_bytes(body, EmailMessage, policy=email.policy.default))
-        self._say("250 taken")
+        self._say(self.owner.answer)
 
     def _encrypt(self) -> None:
         assert self.owner.certificate is not None

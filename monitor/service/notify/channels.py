@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import html
 import http.client
+import io
 import json
 import logging
 import smtplib
+import socket
 import ssl
 import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from email.message import EmailMessage
 from email.utils import formatdate, make_msgid
@@ -27,6 +30,9 @@ from monitor.service.children import Worker
 
 _LOG = logging.getLogger(__name__)
 _TIMEOUT_S = 10.0
+_MAX_EXCHANGE_S = 60.0
+_MAX_ANSWER_BYTES = 1 << 16
+_MAX_SAID_CHARACTERS = 200
 
 
 @dataclass(frozen=True)
@@ -113,15 +119,28 @@ class SmtpChannel(NotificationChannel):
         mail.set_content(message.text, cte="quoted-printable")
         _add_html(mail, message)
         try:
-            with self._connect() as server:
+            server = self._connect()
+            try:
                 if section.username_file is not None and section.password_file is not None:
                     server.login(read_secret(section.username_file), read_secret(section.password_file))
                 refused = server.send_message(mail)
+                # What the server answers now does not undo the delivery.
+                with suppress(OSError, smtplib.SMTPException):
+                    server.quit()
+            finally:
+                server.close()
         except smtplib.SMTPRecipientsRefused as error:
             raise NotifyError(f"smtp {section.host}: refused for {', '.join(error.recipients)}") from None
         except smtplib.SMTPAuthenticationError as error:
             # The text of the server may repeat the credentials.
             raise NotifyError(f"smtp {section.host}: the server refuses the login ({error.smtp_code})") from None
+        except smtplib.SMTPResponseException as error:
+            said = error.smtp_error
+            said = said if isinstance(said, str) else said.decode(errors="replace")
+            if section.password_file is not None and read_secret(section.password_file) in said:
+                said = "its text repeats the password"
+            said = said[:_MAX_SAID_CHARACTERS]
+            raise NotifyError(f"smtp {section.host}: answered {error.smtp_code}: {said}") from None
         except (OSError, smtplib.SMTPException, ValueError) as error:
             raise NotifyError(f"smtp {section.host}: {error}") from None
         return f"smtp {section.host}: refused for {', '.join(refused)}" if refused else None
@@ -129,17 +148,57 @@ class SmtpChannel(NotificationChannel):
     def _connect(self) -> smtplib.SMTP:
         section = self._section
         if section.security == "none":
-            return smtplib.SMTP(section.host, section.port, timeout=_TIMEOUT_S)
+            return _Smtp(section.host, section.port, timeout=_TIMEOUT_S)
         context = _tls_context(section.ca_file)
         if section.security == "tls":
-            return smtplib.SMTP_SSL(section.host, section.port, timeout=_TIMEOUT_S, context=context)
-        server = smtplib.SMTP(section.host, section.port, timeout=_TIMEOUT_S)
+            return _SmtpTls(section.host, section.port, timeout=_TIMEOUT_S, context=context)
+        server = _Smtp(section.host, section.port, timeout=_TIMEOUT_S)
         try:
             server.starttls(context=context)
         except BaseException:
             server.close()
             raise
         return server
+
+
+class _Answer(io.RawIOBase):
+    """Reads the answers of a server; OSError where they are longer, or take longer, than any server needs."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection, self._bytes = connection, 0
+        self._until = time.monotonic() + _MAX_EXCHANGE_S
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        left = self._until - time.monotonic()
+        if left <= 0.0:
+            raise TimeoutError(f"the answer is not complete after {_MAX_EXCHANGE_S:g} s")
+        if self._bytes > _MAX_ANSWER_BYTES:
+            raise OSError(f"the answer has more than {_MAX_ANSWER_BYTES} bytes")
+        self._connection.settimeout(min(left, _TIMEOUT_S))
+        count = self._connection.recv_into(buffer)
+        self._bytes += count
+        return count
+
+
+class _Smtp(smtplib.SMTP):
+    def getreply(self) -> tuple[int, bytes]:
+        if self.file is None and self.sock is not None:
+            self.file = io.BufferedReader(_Answer(self.sock))
+        return super().getreply()
+
+
+class _SmtpTls(_Smtp, smtplib.SMTP_SSL):
+    """The same, encrypted from the first byte."""
+
+
+class _Response(http.client.HTTPResponse):
+    def __init__(self, sock: socket.socket, *rest: Any, **options: Any) -> None:
+        super().__init__(sock, *rest, **options)
+        self.fp.close()
+        self.fp = io.BufferedReader(_Answer(sock))
 
 
 _SAID = (("headline", "font-size:17px;font-weight:600"), ("sureness", "color:#4a5058"), ("level", ""), ("action", ""))
@@ -261,12 +320,16 @@ def request(
             )
         else:
             connection = http.client.HTTPConnection(url.hostname or "", url.port, timeout=_TIMEOUT_S)
+        connection.response_class = _Response
         try:
             connection.request(method, path, body, dict(headers or {}))
             status = connection.getresponse().status
         finally:
             connection.close()
-    except (OSError, http.client.HTTPException, ValueError) as error:
+    except http.client.HTTPException as error:
+        # Its text may be what the server sent, which may repeat the token.
+        raise NotifyError(f"{where}: no answer of HTTP ({type(error).__name__})") from None
+    except (OSError, ValueError) as error:
         raise NotifyError(f"{where}: {type(error).__name__}: {error}") from None
     if not 200 <= status < 300:
         raise NotifyError(f"{where}: answered {status}")
