@@ -30,7 +30,7 @@ class DeskAnswers(TypedDict, total=False):
         start_utc: of the first file; "mtime"; "none".
         interval_s: from the start of a file to that of the next, where they are counted.
         time_name: strptime pattern of dates in names.
-        date_order: of day and month.
+        date_order: of day, month and year.
         pulses_per_revolution: of a tacho.
         files: how files are read whose names fall into groups.
         columns: titles of those that are vibration; by default those that seem so.
@@ -52,7 +52,7 @@ class DeskAnswers(TypedDict, total=False):
     start_utc: datetime | str
     interval_s: float | str
     time_name: str
-    date_order: Literal["day_first", "month_first"]
+    date_order: Literal["day_first", "month_first", "year_first"]
     pulses_per_revolution: int | str
     files: Literal["together", "sequence"]
     columns: Sequence[str]

@@ -70,6 +70,7 @@ class Reading(TypedDict, total=False):
         range_g: full scale of integer files, g.
         timezone: of dates without one, such as "Europe/Rome".
         time_from, time_name: what dates several files, and the strptime pattern of dates in their names.
+        date_order: of day, month and year in dates that do not state it.
         interval_s: from the start of a file to that of the next one, where they are counted.
         files: pattern of the names of files of a folder, several: of those recorded at the same time, a channel each;
             by default told by their names.
@@ -89,6 +90,7 @@ class Reading(TypedDict, total=False):
     timezone: str
     time_from: Literal["header", "name", "count", "mtime"]
     time_name: str
+    date_order: Literal["day_first", "month_first", "year_first"]
     interval_s: float
     files: str | Sequence[str]
     pulses: str
@@ -237,6 +239,7 @@ def source_of(path: str | PathLike[str], block_s: float | Literal["file"], how: 
         timezone=how.get("timezone", "UTC"),
         time_from=how.get("time_from"),
         time_name=how.get("time_name"),
+        date_order=how.get("date_order"),
         interval=how.get("interval_s"),
         pulses=how.get("pulses"),
         files=(files,) if isinstance(files, str) else tuple(files),

@@ -15,6 +15,7 @@ from monitor.health.signal.quality import bands_above_nyquist
 from streams.files.statements import known_unit
 from streams.types.block import VELOCITY
 from streams.types.spec import UNITS, NetworkSpec, SourceSpec, dating_problem, files_problem, pulses_problem
+from streams.types.stamps import Order
 
 _DATING_KEYS = ("time_from", "time_name", "interval_s", "date_order")
 _FILE_KEYS = (
@@ -45,8 +46,8 @@ class SourceSection(ConfigSection):
         Positive | None, Field(description="count: time between the starts of files; by default the length of one")
     ] = None
     date_order: Annotated[
-        Literal["day_first", "month_first"] | None,
-        Field(description="order of day and month in dates such as 03/04/2024; by default told over all files"),
+        Order | None,
+        Field(description="order of day, month and year in dates such as 03/04/24; by default told over all files"),
     ] = None
     pulses: Annotated[
         str | None,

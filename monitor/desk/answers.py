@@ -74,7 +74,7 @@ class Answers:
         range_g: g at full scale.
         start_utc: of the first file, or "mtime" where the times of change date the files, or "none".
         time_name: pattern of the dates in names.
-        date_order: of day and month.
+        date_order: of day, month and year.
         pulses_per_revolution: of the tacho in the files.
         files: "together" or "sequence": how files are read whose names fall into groups.
         columns: titles of those that are vibration; None: those that seem so.
@@ -260,13 +260,13 @@ def read_start(text: str) -> dict[str, Any]:
 
 
 def read_order(text: str) -> dict[str, Any]:
-    """Return the order of day and month."""
+    """Return the order of day, month and year."""
     word = text.strip().lower()
     order = next(
         (order for order in ORDERS if word and order.startswith(word.replace(" ", "_").replace("-", "_"))), None
     )
     if order is None:
-        raise ValueError(f"expected day_first or month_first; got {text!r}")
+        raise ValueError(f"expected {' or '.join(ORDERS)}; got {text!r}")
     return {"date_order": order}
 
 

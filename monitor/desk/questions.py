@@ -12,13 +12,14 @@ from monitor.desk import answers as read
 from monitor.desk.answers import Answers, channel_names, check_own, has_all_bearings, read_answer
 from monitor.words.numbers import duration
 from streams.dates.dating import NameReading, find_readings, nearest_change
+from streams.dates.order import evidence, orders_left
 from streams.files.columns import hertz_in
 from streams.files.groups import NameGroups
 from streams.files.survey import Survey, SurveyedRow
 from streams.turns.tacho import is_called_tacho
 from streams.types.listing import shown
 from streams.types.samples import COUNTS, FRACTIONS
-from streams.types.stamps import ORDERS, Stamp, evidence, stamp_in_name, utc_text
+from streams.types.stamps import Stamp, stamp_in_name, utc_text
 
 _DAY = 86400.0
 _WHOLE = 0.15
@@ -336,11 +337,10 @@ def _date_questions(survey: Survey, answers: Answers, zone: str, now: float, las
         return
     stamps = [stamp_in_name(survey.in_folders(path), zone) for path in survey.paths[:50]]
     if all(stamp is not None for stamp in stamps):
-        decided = evidence(
-            (path, stamp) for path, stamp in zip(survey.paths, stamps, strict=False) if stamp is not None
-        )
+        named = ((path, stamp) for path, stamp in zip(survey.paths, stamps, strict=False) if stamp is not None)
+        left, _ = orders_left(evidence(named, now))
         is_open = any(stamp is not None and stamp.fixed is None for stamp in stamps)
-        if is_open and not decided and answers.date_order is None:
+        if is_open and len(left) > 1 and answers.date_order is None:
             yield _order_question(survey, zone)
         return
     readings = name_readings(survey, zone, now)
@@ -358,16 +358,11 @@ def _order_question(survey: Survey, zone: str) -> Question:
         stamp = read_stamp(survey.stamp, zone)
     else:
         stamp = stamp_in_name(survey.in_folders(survey.first), zone)
-    ways = (
-        ""
-        if stamp is None
-        else "; ".join(f"{order}: {utc_text(time)}" for order in ORDERS if (time := stamp.at(order)) is not None)
-    )
-    text = "the dates" if stamp is None else f"{stamp.text!r}"
+    text, ways = ("the dates", "") if stamp is None else (f"{stamp.text!r}", f": {stamp.ways}")
     return Question(
         "--date-order",
-        "Order of day and month",
-        f"{text} of {survey.first} can be read in two ways, and no file decides: {ways}.",
+        "Order of day, month and year",
+        f"{text} of {survey.first} can be read in several ways, and no file decides{ways}.",
         None,
         read.read_order,
     )

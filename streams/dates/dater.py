@@ -23,7 +23,7 @@ from streams.dates.stating import COUNTED, Witnesses, by_header, by_name, lags_f
 from streams.types.listing import printable
 from streams.types.samples import Samples
 from streams.types.spec import SourceSpec
-from streams.types.stamps import Stamp, day_in_folders, read_stamp, stamp_in_name, utc_text
+from streams.types.stamps import Order, Stamp, day_in_folders, read_stamp, stamp_in_name, utc_text
 from streams.types.times import TimeStatement
 
 _LOG = logging.getLogger(__name__)
@@ -143,7 +143,7 @@ class Dater:
         if choice.by == "name":
             samples = self._by_name(samples, path, ended)
         elif choice.by == "header":
-            stamp = None if samples.start is not None else self._header_stamp(samples)
+            stamp = None if samples.start is not None else self._header_stamp(samples, path)
             start = samples.start if stamp is None else self.order.resolve(stamp, path)
             if stamp is None and start is not None:
                 self.order.wait_for_open(path)
@@ -238,8 +238,7 @@ class Dater:
 
     def depends_on_order(self, samples: Samples) -> bool:
         """Return whether the order of day and month in headers must be told over all files."""
-        stamp = self._header_stamp(samples) if self.choice.by == "header" and samples.start is None else None
-        return stamp is not None and stamp.open
+        return self.choice.by == "header" and samples.start is None and samples.stamp is not None
 
     def check_names(self) -> None:
         """Resolve the dates in all names; UndatedError where they leave the order of day and month open."""
@@ -249,8 +248,18 @@ class Dater:
                 if stamp is not None:
                     self.order.resolve(stamp, path)
 
-    def _header_stamp(self, samples: Samples) -> Stamp | None:
-        return None if samples.stamp is None else read_stamp(samples.stamp, self._spec.timezone)
+    def _header_stamp(self, samples: Samples, path: str) -> Stamp | None:
+        """Return the open stamp of a header, by the order that its name or the folders above confirm."""
+        stamp = None if samples.stamp is None else read_stamp(samples.stamp, self._spec.timezone)
+        named = self._name_stamp(path)
+        other = None if named is None else named.fixed
+        other = self._day(path) if other is None else other
+        if stamp is None or other is None:
+            return stamp
+        near: list[Order] = [
+            order for order in stamp.orders if abs((stamp.at(order) or 0.0) - other) <= DAY + _MAX_OFFSET_S
+        ]
+        return stamp.only(near)
 
     def _name_stamp(self, path: str) -> Stamp | None:
         return stamp_in_name(self._above + path, self._spec.timezone, self._spec.time_name)
@@ -279,7 +288,7 @@ class Dater:
         spec, by = self._spec, wanted_by(self._spec)
         if by is None:
             by = "count"
-            if samples.start is not None or self._header_stamp(samples) is not None:
+            if samples.start is not None or samples.stamp is not None:
                 by = "header"
             elif self._states_time(path) or (not self._several and self._day(path) is not None):
                 by = "name"

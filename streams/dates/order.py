@@ -1,7 +1,8 @@
-"""The order of day and month in the dates of a source, told by all its files."""
+"""The order of day, month and year in the dates of a source, told by all its files."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 
@@ -9,7 +10,31 @@ from models.words.errors import SpallwatchError
 from streams.dates.dating import Dating
 from streams.types.listing import printable
 from streams.types.spec import SourceSpec
-from streams.types.stamps import Order, Stamp, evidence, utc_text
+from streams.types.stamps import ORDERS, Order, Stamp
+
+_MAX_AHEAD_S = 366 * 86400.0
+"""By how much a clock may be ahead of the present, before an order of the date is ruled out."""
+Evidence = dict[frozenset[Order], str]
+"""Orders that are left by a stamp, with the path and text of the first that leaves these."""
+
+
+def evidence(stamps: Iterable[tuple[str, Stamp]], now: float) -> Evidence:
+    """Return what stamps say of the order; ``now`` in s since 1970 UTC: none is of a year after."""
+    found: Evidence = {}
+    for path, stamp in stamps:
+        past: list[Order] = [order for order in stamp.orders if (stamp.at(order) or 0.0) < now + _MAX_AHEAD_S]
+        if stamp.open:
+            found.setdefault(frozenset(past or stamp.orders), f"{path} ({stamp.text!r})")
+    return found
+
+
+def orders_left(found: Evidence) -> tuple[frozenset[Order], list[str]]:
+    """Return the orders that all evidence leaves, and what leaves out the others; no orders where it disagrees."""
+    left, by = frozenset(ORDERS), list[str]()
+    for orders, path in sorted(found.items(), key=lambda pair: len(pair[0])):
+        if not left <= orders:
+            left, by = left & orders, [*by, path]
+    return left, by
 
 
 class UndatedError(SpallwatchError):
@@ -41,11 +66,11 @@ class DateOrder:
         self._conflicts: dict[str, str] = {}
         self._open: set[str] = set()
         self._scanned: set[str] = set()
-        self._evidence: dict[Order, str] = {}
+        self._evidence: Evidence = {}
 
     @property
     def conflicts(self) -> tuple[str, ...]:
-        """The files that contradict the order of day and month."""
+        """The files that contradict the order."""
         return tuple(self._conflicts)
 
     def forget(self, path: str) -> bool:
@@ -56,7 +81,7 @@ class DateOrder:
         return waited
 
     def resolve(self, stamp: Stamp, path: str) -> float:
-        """Return the time of a stamp by the order of day and month over all files.
+        """Return the time of a stamp by the order over all files.
 
         Raises:
             UndatedError: the order is not decided, or files disagree.
@@ -71,9 +96,8 @@ class DateOrder:
         if order is None:
             self._open.add(path)
             raise UndatedError(
-                f"{path}: {stamp.text!r} is {utc_text(stamp.day_first or 0.0)} (day first) or "
-                f"{utc_text(stamp.month_first or 0.0)} (month first), and no file decides which; "
-                + self._remedy("day_first or month_first")
+                f"{path}: {stamp.text!r} is {stamp.ways}, and no file decides which; "
+                + self._remedy(" or ".join(stamp.orders))
             )
         found = stamp.at(order)
         if found is None:
@@ -88,7 +112,7 @@ class DateOrder:
         return found
 
     def wait_for_open(self, path: str) -> None:
-        """Raise UndatedError while other files wait for the order of day and month: this one may come after them."""
+        """Raise UndatedError while other files wait for the order: this one may come after them."""
         if self._choice().order is None and self._open - {path}:
             raise UndatedError(f"{path}: waits for {min(self._open)}, until a file tells day and month apart")
 
@@ -101,12 +125,12 @@ class DateOrder:
                 self._scanned, self._evidence = set(), {}
             new, self._scanned = sorted(names - self._scanned), names
             stamps += [(name, found) for name in new if (found := self._stamp_of(name)) is not None]
-        decided = self._evidence = evidence(stamps) | self._evidence
-        if len(decided) > 1:
-            one, two = decided.values()
-            raise UndatedError(f"{one} and {two} disagree on the order of day and month; " + self._remedy("..."))
-        for order, by in decided.items():
-            self._keep(replace(self._choice(), order=order, decided_by=by))
+        self._evidence = evidence(stamps, time.time()) | self._evidence
+        left, by = orders_left(self._evidence)
+        if not left:
+            raise UndatedError(f"{' and '.join(by)} disagree on the order of day and month; " + self._remedy("..."))
+        if len(left) == 1:
+            self._keep(replace(self._choice(), order=next(iter(left)), decided_by=" and ".join(by)))
 
     def _remedy(self, order: str) -> str:
         name = ' or time_name = "%d-%m-%Y_%H-%M-%S"' if self._choice().by == "name" else ""

@@ -246,27 +246,23 @@ def judge_start(starts: Sequence[Start], where: str) -> JudgedStart:
     finest = ordered[0]
     kept = [
         reading
-        for reading in _readings(finest.stamp)
-        if all(any(_is_same(reading, time, finest, one) for time in _readings(one.stamp)) for one in ordered[1:])
+        for reading in finest.stamp.readings
+        if all(any(_is_same(reading, time, finest, one) for time in one.stamp.readings) for one in ordered[1:])
     ]
     if not kept:
         listed = ", ".join(f"{one.place} {one.stamp.text}" for one in starts)
         zone = _zone_hint(starts)
         raise ReaderError("unreadable", f"{where}: the file states several times of its start: {listed}{zone}{REMEDY}")
     text = finest.stamp.text
-    if finest.stamp.open:
+    if finest.stamp.open and not len(kept) == 1 < len(finest.stamp.readings):
         return JudgedStart(opened=text, written=text if finest.stamp.local else None)
     return JudgedStart(kept[0], written=text if finest.stamp.local else None)
 
 
-def _readings(stamp: Stamp) -> list[float]:
-    return list(dict.fromkeys(time for time in (stamp.day_first, stamp.month_first) if time is not None))
-
-
 def _zone_hint(starts: Sequence[Start]) -> str:
     """Return what to write where stamps without a zone are quarters of an hour apart from those with one."""
-    own = [time for one in starts if one.stamp.local for time in _readings(one.stamp)]
-    other = [time for one in starts if not one.stamp.local for time in _readings(one.stamp)]
+    own = [time for one in starts if one.stamp.local for time in one.stamp.readings]
+    other = [time for one in starts if not one.stamp.local for time in one.stamp.readings]
     apart = abs(own[0] - other[0]) if own and other else 0.0
     whole = _QUARTER * round(apart / _QUARTER)
     if not 0.0 < whole <= _LONGEST_OFFSET or abs(apart - whole) > _HEAD_BEFORE_ROWS + 1.0:

@@ -49,7 +49,7 @@ from streams.files.keys import (
 )
 from streams.types.block import VELOCITY
 from streams.types.samples import ReaderError
-from streams.types.signs import in_signs
+from streams.types.spellings import in_signs
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
 
 Facts = Mapping[str, object]

@@ -11,8 +11,8 @@ import numpy as np
 
 from streams.files.keys import SUMMER_KEYS, ZONE_KEYS
 from streams.files.statements import Facts, named
+from streams.types.spellings import ZONE_HOURS
 from streams.types.stamps import Stamp, read_stamp
-from streams.types.zone_hours import ZONE_HOURS
 
 _HOUR, _MAX_HOURS = 3600.0, 14.0
 _REGIONS = {
@@ -90,8 +90,8 @@ class StatedZone:
             return None
         if self.name == "UTC":
             return replace(found.later(-(self.offset or 0.0)), local=False)
-        for time in (found.day_first, found.month_first):
-            if time is not None and not self._fits(datetime.fromtimestamp(time, ZoneInfo(self.name))):
+        for time in found.readings:
+            if not self._fits(datetime.fromtimestamp(time, ZoneInfo(self.name))):
                 return None
         return replace(found, local=False)
 
@@ -117,7 +117,7 @@ def in_stated_zone(facts: Facts, stamp: Stamp) -> tuple[Stamp, str]:
         for _, place, value in named(facts, frozenset(SUMMER_KEYS))
         if str(value).strip().lower() not in _NOT_SUMMER and all(one.offset is not None for one in zones)
     ]
-    if first is None or summer or any(one is None or one.day_first != first.day_first for one in read):
+    if first is None or summer or any(one is None or one.readings != first.readings for one in read):
         return stamp, " and ".join([*(f"{one.place} {one.written!r}" for one in zones), *summer])
     return first, ""
 

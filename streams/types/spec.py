@@ -148,7 +148,7 @@ class SourceSpec:
         time_from: what dates the blocks of files; None: the header, the name or a count, by the first file.
         time_name: pattern (strptime) of the date in names.
         interval: s between the starts of files, for a count; None: the length of one.
-        date_order: of day and month in dates that do not state it; None: told over all files.
+        date_order: of day, month and year in dates that do not state it; None: told over all files.
         pulses: pattern of the array, group or channel with the times of pulses of a tacho; with ``{stem}`` or
             ``{name}``, which stand for the name of a file without and with its ending, a text file beside it.
         files: pattern of the names of its files, below its folder; of several each is one of files that are recorded at

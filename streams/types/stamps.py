@@ -1,4 +1,4 @@
-"""Dates and times as loggers write them, in headers and in names of files; the order of day and month."""
+"""Dates and times as loggers write them, in headers and in names of files; the order of day, month and year."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ from zoneinfo import ZoneInfo
 
 import numpy as np
 
-from streams.types.signs import in_signs
-from streams.types.zone_hours import ZONE_HOURS
+from streams.types.spellings import ZONE_HOURS, in_signs
 
-Order = Literal["day_first", "month_first"]
+Order = Literal["day_first", "month_first", "year_first"]
 ORDERS: tuple[Order, ...] = get_args(Order)
 
 _MAX_TEXT = 64
@@ -102,9 +101,10 @@ class Stamp:
     """A date and time as written, with its readings in s since 1970 UTC.
 
     Attributes:
-        day_first, month_first: by the order of day and month, None where the text cannot be read so. Where the text
-            leaves no choice (ISO, a name of a month, dots, which stand for day first) both are the same.
-        open: whether the order of day and month is not stated by the way of writing.
+        day_first, month_first, year_first: by the order of day and month behind or before them the year, None where the
+            text cannot be read so. Where the text leaves no choice (ISO, a name of a month, dots, which stand for day
+            first) the first two are the same.
+        open: whether the order is not stated by the way of writing.
         local: whether the zone is that of the reader, because the text states none.
         skipped: whether a reading is a local time that does not exist, in the hour left out in spring.
         resolution: s, of the last digit that is written.
@@ -113,6 +113,7 @@ class Stamp:
     text: str
     day_first: float | None
     month_first: float | None
+    year_first: float | None = None
     open: bool = False
     local: bool = False
     skipped: bool = False
@@ -120,13 +121,30 @@ class Stamp:
 
     def later(self, seconds: float) -> Stamp:
         """Return the stamp of a moment so many seconds later."""
-        day, month = (None if time is None else time + seconds for time in (self.day_first, self.month_first))
-        return replace(self, day_first=day, month_first=month)
+        return replace(self, **{order: (self.at(order) or 0.0) + seconds for order in self.orders})
+
+    def only(self, orders: Iterable[Order]) -> Stamp:
+        """Return the stamp by some orders alone, fixed where one reading is left; as it is where none is."""
+        kept = {time for order in orders if (time := self.at(order)) is not None}
+        if len(kept) == 1 < len(self.readings):
+            return replace(self, day_first=(time := kept.pop()), month_first=time, year_first=None, open=False)
+        return replace(self, **{order: None for order in self.orders if self.at(order) not in kept}) if kept else self
 
     @property
     def fixed(self) -> float | None:
-        """The time where the order of day and month does not matter, or None."""
-        return self.day_first if self.day_first == self.month_first else None
+        """The time where the order does not matter, or None."""
+        is_same = self.day_first == self.month_first and self.year_first in (None, self.day_first)
+        return self.day_first if is_same else None
+
+    @property
+    def readings(self) -> tuple[float, ...]:
+        """The times that the text may mean, each once."""
+        return tuple(dict.fromkeys(time for order in self.orders if (time := self.at(order)) is not None))
+
+    @property
+    def ways(self) -> str:
+        """The readings in words."""
+        return " or ".join(f"{utc_text(self.at(order) or 0.0)} ({order.replace('_', ' ')})" for order in self.orders)
 
     @property
     def orders(self) -> tuple[Order, ...]:
@@ -134,8 +152,8 @@ class Stamp:
         return tuple(order for order in ORDERS if self.at(order) is not None)
 
     def at(self, order: Order) -> float | None:
-        """Return the time by an order of day and month, or None."""
-        return self.day_first if order == "day_first" else self.month_first
+        """Return the time by an order, or None."""
+        return {"day_first": self.day_first, "month_first": self.month_first, "year_first": self.year_first}[order]
 
 
 def utc_text(seconds: float) -> str:
@@ -265,27 +283,32 @@ def _seconds(moment: datetime, zone: str | tzinfo) -> float | None:
 def _in_numbers(text: str, parts: Mapping[str, str | None], zone: str) -> Stamp | None:
     """Return the stamp of a date in numbers, by the groups of its expression; None where it has no valid reading."""
     a, b, c, separator = (parts[key] or "" for key in ("a", "b", "c", "sep"))
+    day_first = month_first = year_first = None
     if len(a) == 4:
         day_first = month_first = _at(int(a), b, c, parts, zone) if len(c) <= 2 else None
-    elif len(a) > 2 or len(c) == 1 or (len(c) == 2 and separator == "-"):
-        # 24-03-04 may begin with the year, too.
-        return None
-    else:
-        year = int(c) if len(c) == 4 else int(c) + (2000 if int(c) < 70 else 1900)
-        day_first, month_first = _at(year, b, a, parts, zone), _at(year, a, b, parts, zone)
+    elif len(a) <= 2:
+        if len(c) > 1:
+            day_first, month_first = _at(_year(c), b, a, parts, zone), _at(_year(c), a, b, parts, zone)
         if separator == "." and day_first is not None:
             month_first = day_first
-    known = [reading for reading in (day_first, month_first) if reading is not None]
+        elif len(a) == 2 and len(c) <= 2:
+            year_first = _at(_year(a), b, c, parts, zone)
+    readings = (day_first, month_first, year_first)
+    known = [reading for reading in readings if reading is not None]
     if not known:
         return None
     return Stamp(
         text,
-        *(None if reading is None else reading[0] for reading in (day_first, month_first)),
+        *(None if reading is None else reading[0] for reading in readings),
         open=len(a) != 4 and not (separator == "." and day_first is not None),
         local=not parts.get("zone"),
         skipped=any(skipped for _, skipped in known),
         resolution=_resolution(parts),
     )
+
+
+def _year(digits: str) -> int:
+    return int(digits) if len(digits) == 4 else int(digits) + (2000 if int(digits) < 70 else 1900)
 
 
 def _at(year: int, month: str, day: str, parts: Mapping[str, str | None], zone: str) -> tuple[float, bool] | None:
@@ -336,12 +359,7 @@ def stamp_in_name(path: str, zone: str, pattern: str | None = None) -> Stamp | N
     for way in ways:
         found = way()
         if found:
-            first = found[0]
-            return (
-                first
-                if all((s.day_first, s.month_first) == (first.day_first, first.month_first) for s in found)
-                else None
-            )
+            return found[0] if len({tuple(map(stamp.at, ORDERS)) for stamp in found}) == 1 else None
     return None
 
 
@@ -426,12 +444,3 @@ def compiled(pattern: str) -> re.Pattern[str]:
         for index, part in enumerate(parts)
     )
     return re.compile(rf"(?<!\d){body}(?!\d)")
-
-
-def evidence(stamps: Iterable[tuple[str, Stamp]]) -> dict[Order, str]:
-    """Return the orders of day and month that stamps decide, each with the path and text of the first that does."""
-    found: dict[Order, str] = {}
-    for path, stamp in stamps:
-        if stamp.open and len(stamp.orders) == 1:
-            found.setdefault(stamp.orders[0], f"{path} ({stamp.text!r})")
-    return found

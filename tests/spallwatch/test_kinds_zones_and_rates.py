@@ -1,9 +1,9 @@
-"""Zones beside times and rates without a unit: read where one meaning is left, refused where there are two."""
+"""Zones and orders of dates, rates without a unit: read where one meaning is left, refused where there are two."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -179,3 +179,52 @@ def test_times_in_hours_and_days_need_their_unit(unit: str, size: float, tmp_pat
     if size > 60.0:
         with pytest.raises(sw.SpallwatchError, match=r"may mean .* or .*10000 or|may mean .* or 10000"):
             sw.read(path)
+
+
+TWO_DIGITS = {"25/03/21 08:15:00": "year_first", "25-03-21 08:15:00": "year_first", "21/03/25 08:15:00": "day_first"}
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize("text", TWO_DIGITS)
+def test_three_parts_of_two_digits_have_an_order_that_is_asked(maker: str, text: str, tmp_path: Path) -> None:
+    path = MAKERS[maker](tmp_path, {"fs": RATE, "start": text})
+    with pytest.raises(
+        sw.SpallwatchError, match=r"202\d-03-2\dT08:15:00Z \(day first\) or 202\d-03-2\dT08:15:00Z \(year first\)"
+    ):
+        sw.read(path)
+    other = "day_first" if TWO_DIGITS[text] == "year_first" else "year_first"
+    assert start_of(path, date_order=TWO_DIGITS[text]) == utc("2025-03-21 08:15:00")
+    assert start_of(path, date_order=other) == utc("2021-03-25 08:15:00")
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize(
+    ("text", "read"),
+    [("21.03.25 08:15:00", "2025-03-21"), ("03/21/25 08:15:00", "2025-03-21"), ("99/03/21 08:15:00", "1999-03-21"),
+     ("25/3/5 08:15:00", "2025-03-05"), ("30/03/25 08:15:00", "2025-03-30")],
+)  # fmt: skip
+def test_an_order_that_leaves_one_reading_is_read(maker: str, text: str, read: str, tmp_path: Path) -> None:
+    assert start_of(MAKERS[maker](tmp_path, {"fs": RATE, "start": text})) == utc(f"{read} 08:15:00")
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize("day", ["2025-03-21", "2021-03-25"])
+def test_another_statement_decides_the_order(maker: str, day: str, tmp_path: Path) -> None:
+    words = {"fs": RATE, "start": "25/03/21 08:15:00"}
+    assert start_of(MAKERS[maker](tmp_path, {**words, "recorded": f"{day} 08:15:00"})) == utc(f"{day} 08:15:00")
+    path = MAKERS[maker](tmp_path, words)
+    named = path.rename(tmp_path / f"{day}T08-15-00{path.suffix}")
+    assert start_of(named) == utc(f"{day} 08:15:00")
+
+
+@pytest.mark.parametrize("first", ["25/03/21", "12/03/21"])
+def test_rows_past_midnight_decide_the_order(first: str, tmp_path: Path) -> None:
+    def dated(second: float) -> Path:
+        begin = datetime.strptime(first, "%y/%m/%d").replace(hour=23, minute=59)
+        moments = [begin + timedelta(seconds=second + i / RATE) for i in range(COUNT)]
+        times = [f"{moment:%y/%m/%d %H:%M:%S.%f}" for moment in moments]
+        return write_csv(tmp_path / "x.csv", ROWS, [], ["acc [g]"], before={"Time": times})
+
+    assert start_of(dated(59.9)) == pytest.approx(utc(f"20{first.replace('/', '-')} 23:59:00") + 59.9)
+    with pytest.raises(sw.SpallwatchError, match=r"\(day first\) or .*\(year first\)"):
+        sw.read(dated(0.0))

@@ -57,7 +57,7 @@ DONE, WRONG = 0, 2
 @click.option("--start-utc", callback=_words, help="Start of the first file, mtime, or none.")
 @click.option("--interval-s", callback=_words, help="Between the starts of files that are counted.")
 @click.option("--time-name", callback=_words, help="strptime pattern of the dates in names.")
-@click.option("--date-order", callback=_words, help="day_first or month_first.")
+@click.option("--date-order", callback=_words, help="day_first, month_first or year_first.")
 @click.option("--pulses-per-revolution", callback=_words, help="Of a tacho in the files.")
 @click.option("--files", callback=_words, help="together or sequence, where names fall into groups.")
 @click.option("--timezone", default="UTC", help="Zone of dates that state none.")

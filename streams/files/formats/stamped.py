@@ -15,7 +15,7 @@ from streams.files.formats.head import MAX_HEAD_LINES, decoded, is_numbers, line
 from streams.files.formats.numbers import first_line_of, is_number
 from streams.files.statements import is_date
 from streams.types.samples import ReaderError
-from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
+from streams.types.stamps import CLOCK, DATE, ORDERS, Order, Stamp, read_stamp
 
 _MAX_UNEVEN = 200_000
 """Rows whose stamps differ in width: they are read one by one."""
@@ -24,6 +24,8 @@ _DAY = 86400.0
 _FIXED = re.compile(r"(\d\d):(\d\d):(\d\d)(?:[.,](\d{1,9}))?(?: ([AaPp])[Mm])?$")
 _NUMBERED = re.compile(r"\"?\d{1,7}\"?\s*[;\t,](?!\s*\"?\d+\"?\s*[;\t,])")
 """A running number before the stamp of a row."""
+_Times = tuple[NDArray[np.float64], Sequence[Order]]
+"""Times of rows, s from the first one, and the orders of day, month and year by which they follow each other."""
 
 
 @dataclass(frozen=True)
@@ -72,10 +74,11 @@ def split_stamps(body: bytes, name: str, zone: str) -> StampedRows | None:
             raise ReaderError("unreadable", f"{name}: line {where}: expected a date and numbers, found {row[:30]!r}")
         stamps.append(b" ".join(part.strip().strip(b'"') for part in parts[numbered:columns]))
         numbers.append(parts[columns])
-    first = stamps[0].decode("latin-1")
-    times = _even_times(stamps, zone)
-    if times is None:
-        times = _uneven_times(stamps, name, zone, len(head) + 1)
+    start = read_stamp(stamps[0].decode("latin-1"), zone)
+    found = _even_times(stamps, zone)
+    if found is None:
+        found = _uneven_times(stamps, name, zone, len(head) + 1)
+    times, orders = found
     size = _size_of_fractions(head, separator, columns)
     if size is not None and not np.any(times % 1.0):
         # A column of its own has the milliseconds of the stamps.
@@ -84,7 +87,8 @@ def split_stamps(body: bytes, name: str, zone: str) -> StampedRows | None:
             times = times + [size * float(part.replace(b",", b".")) for part, _ in both]
             numbers, columns = [rest for _, rest in both], columns + 1
     end = b"\n" if body.endswith(b"\n") else b""
-    return StampedRows(b"\n".join(numbers) + end, head, times, read_stamp(first, zone), columns, separator)
+    start = start and start.only(orders)
+    return StampedRows(b"\n".join(numbers) + end, head, times, start, columns, separator)
 
 
 def _size_of_fractions(head: list[str], separator: str, columns: int) -> float | None:
@@ -152,8 +156,8 @@ def is_row(line: bytes, zone: str) -> bool:
     return is_numbers(text) or any(_stamp_columns(text, separator, zone) for separator in ";\t, ")
 
 
-def _even_times(stamps: Sequence[bytes], zone: str) -> NDArray[np.float64] | None:
-    """Return the times of stamps of one width and one layout, s from the first; None where they are not such."""
+def _even_times(stamps: Sequence[bytes], zone: str) -> _Times | None:
+    """Return the times of stamps of one width and one layout; None where they are not such."""
     first = stamps[0].decode("latin-1")
     clock = _FIXED.search(first)
     width = len(stamps[0])
@@ -181,42 +185,49 @@ def _even_times(stamps: Sequence[bytes], zone: str) -> NDArray[np.float64] | Non
     days = _days(dates, first[clock.start() :], zone)
     if days is None:
         return None
-    return seconds - seconds[0] + days
+    return seconds - seconds[0] + days[0], days[1]
 
 
-def _days(dates: Sequence[bytes], clock: str, zone: str) -> NDArray[np.float64] | None:
+def _days(dates: Sequence[bytes], clock: str, zone: str) -> _Times | None:
     """Return the days of dates from the first one, in s; midnight is not crossed where there is no date."""
-    known: dict[bytes, float] = {}
     if not dates[0].strip():
-        return np.zeros(len(dates))
-    first = read_stamp((dates[0].decode("latin-1") + clock).strip(), zone)
-    for date in dict.fromkeys(dates):
-        stamp = read_stamp((date.decode("latin-1") + clock).strip(), zone)
-        if first is None or stamp is None:
-            return None
-        steps = [
-            after - before
-            for after, before in ((stamp.day_first, first.day_first), (stamp.month_first, first.month_first))
-            if after is not None and before is not None
-        ]
-        if not steps:
-            return None
-        known[date] = min(steps, key=abs)
-    return np.array([known[date] for date in dates])
+        return np.zeros(len(dates)), ORDERS
+    places = {date: place for place, date in enumerate(dict.fromkeys(dates))}
+    stamps = [read_stamp((date.decode("latin-1") + clock).strip(), zone) for date in places]
+    if any(stamp is None for stamp in stamps):
+        return None
+    found = _without_jumps([stamp for stamp in stamps if stamp is not None])
+    return found and (found[0][[places[date] for date in dates]], found[1])
 
 
-def _uneven_times(stamps: Sequence[bytes], name: str, zone: str, line: int) -> NDArray[np.float64]:
-    """Return the times of stamps one by one, s from the first."""
+def _without_jumps(stamps: Sequence[Stamp]) -> _Times | None:
+    """Return the times of stamps by the order in which rows that follow each other have no jumps; None for no order."""
+    spans: dict[Order, float] = {}
+    times: dict[Order, NDArray[np.float64]] = {
+        order: np.array([stamp.at(order) for stamp in stamps], float) for order in ORDERS
+    }
+    for order, row in times.items():
+        if not np.isnan(row).any():
+            spans[order] = float(np.ptp(row))
+    if not spans:
+        return None
+    best = min(spans, key=spans.__getitem__)
+    return times[best] - times[best][0], [order for order in spans if spans[order] < spans[best] + _DAY]
+
+
+def _uneven_times(stamps: Sequence[bytes], name: str, zone: str, line: int) -> _Times:
+    """Return the times of stamps one by one."""
     if len(stamps) > _MAX_UNEVEN:
         raise ReaderError("refused", f"{name}: {len(stamps)} stamps of different widths, {_MAX_UNEVEN} are allowed")
-    times = np.full((2, len(stamps)), np.nan)
+    read: list[Stamp] = []
     for index, raw in enumerate(stamps):
         text = raw.decode("latin-1")
         has_date = DATE.match(text) is not None or read_stamp(text, zone) is not None
         stamp = read_stamp(text if has_date else f"1970-01-02 {text}", zone)
         if stamp is None:
             raise ReaderError("unreadable", f"{name}: line {line + index}: expected a date, found {text[:30]!r}")
-        times[:, index] = [np.nan if time is None else time for time in (stamp.day_first, stamp.month_first)]
-    # Of two orders of day and month, that of consecutive rows is the one without jumps.
-    spans = [float("inf") if np.isnan(row).any() else float(np.ptp(row)) for row in times]
-    return times[int(np.argmin(spans))] - times[int(np.argmin(spans)), 0]
+        read.append(stamp)
+    found = _without_jumps(read)
+    if found is None:
+        raise ReaderError("unreadable", f"{name}: the dates of its rows have no common order of day, month and year")
+    return found

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from streams.dates.dating import place_in_names
+from streams.dates.order import evidence, orders_left
 from streams.files.formats.text import read_layout
 from streams.files.statements import plain_key, time_statements
-from streams.types.stamps import compiled, evidence, read_stamp, stamp_in_name, utc_text
+from streams.types.stamps import ORDERS, Order, compiled, read_stamp, stamp_in_name, utc_text
 
 EVENING = datetime(2024, 1, 31, 23, 59, 58, tzinfo=UTC).timestamp()
 
@@ -94,37 +95,62 @@ def test_patterns_that_date_nothing_are_refused(pattern: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "day", "month"),
+    ("text", "day", "month", "year"),
     [
-        ("2024-01-31T23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z"),
-        ("2024/01/31 23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z"),
-        ("31.01.2024 23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z"),
-        ("03.04.2024 10:00:00 Uhr", "2024-04-03T10:00:00Z", "2024-04-03T10:00:00Z"),
-        ("03.04.24, 10:00", "2024-04-03T10:00:00Z", "2024-04-03T10:00:00Z"),
-        ("31-Jan-2024 23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z"),
-        ("03/04/2024 10:00:00.250", "2024-04-03T10:00:00.250Z", "2024-03-04T10:00:00.250Z"),
-        ("03/04/24 10:00:00,25", "2024-04-03T10:00:00.250Z", "2024-03-04T10:00:00.250Z"),
-        ("3/4/2024 10:00:00 PM", "2024-04-03T22:00:00Z", "2024-03-04T22:00:00Z"),
-        ("03-04-2024 12:00:00 am", "2024-04-03T00:00:00Z", "2024-03-04T00:00:00Z"),
-        ("13/04/2024 10:00:00", "2024-04-13T10:00:00Z", None),
-        ("04/13/2024 10:00:00 +02:00", None, "2024-04-13T08:00:00Z"),
-        ("04.13.2024 10:00:00", None, "2024-04-13T10:00:00Z"),
-        ("13/13/2024 10:00:00", None, None),
-        ("24-03-04 10:00:00", None, None),
-        ("03/04/2024", None, None),
-        ("soon", None, None),
+        ("2024-01-31T23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z", None),
+        ("2024/01/31 23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z", None),
+        ("31.01.2024 23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z", None),
+        ("03.04.2024 10:00:00 Uhr", "2024-04-03T10:00:00Z", "2024-04-03T10:00:00Z", None),
+        ("03.04.24, 10:00", "2024-04-03T10:00:00Z", "2024-04-03T10:00:00Z", None),
+        ("31-Jan-2024 23:59:58", "2024-01-31T23:59:58Z", "2024-01-31T23:59:58Z", None),
+        ("03/04/2024 10:00:00.250", "2024-04-03T10:00:00.250Z", "2024-03-04T10:00:00.250Z", None),
+        ("03/04/24 10:00:00,25", "2024-04-03T10:00:00.250Z", "2024-03-04T10:00:00.250Z", "2003-04-24T10:00:00.250Z"),
+        ("3/4/2024 10:00:00 PM", "2024-04-03T22:00:00Z", "2024-03-04T22:00:00Z", None),
+        ("3/4/24 10:00:00 PM", "2024-04-03T22:00:00Z", "2024-03-04T22:00:00Z", None),
+        ("03-04-2024 12:00:00 am", "2024-04-03T00:00:00Z", "2024-03-04T00:00:00Z", None),
+        ("13/04/2024 10:00:00", "2024-04-13T10:00:00Z", None, None),
+        ("04/13/2024 10:00:00 +02:00", None, "2024-04-13T08:00:00Z", None),
+        ("04.13.2024 10:00:00", None, "2024-04-13T10:00:00Z", None),
+        ("13/13/2024 10:00:00", None, None, None),
+        ("24-03-04 10:00:00", "2004-03-24T10:00:00Z", None, "2024-03-04T10:00:00Z"),
+        ("25/03/21 10:00", "2021-03-25T10:00:00Z", None, "2025-03-21T10:00:00Z"),
+        ("03/25/21 10:00", None, "2021-03-25T10:00:00Z", None),
+        ("25/3/5 10:00", None, None, "2025-03-05T10:00:00Z"),
+        ("99.03.21 10:00", None, None, "1999-03-21T10:00:00Z"),
+        ("03/04/2024", None, None, None),
+        ("soon", None, None, None),
     ],
 )
-def test_stamps_have_the_readings_that_their_text_allows(text: str, day: str | None, month: str | None) -> None:
+def test_stamps_have_the_readings_that_their_text_allows(
+    text: str, day: str | None, month: str | None, year: str | None
+) -> None:
     stamp = read_stamp(text, "UTC")
-    found = (None, None) if stamp is None else (stamp.day_first, stamp.month_first)
-    assert tuple(None if time is None else utc_text(time) for time in found) == (day, month)
+    found = (None,) * 3 if stamp is None else tuple(map(stamp.at, ORDERS))
+    assert tuple(None if time is None else utc_text(time) for time in found) == (day, month, year)
+
+
+def left(*texts: str) -> tuple[frozenset[Order], list[str]]:
+    """What stamps of files a, b, ... leave at the end of 2026."""
+    stamps = [(name, read_stamp(text, "UTC")) for name, text in zip("abcd", texts, strict=False)]
+    return orders_left(evidence([(name, stamp) for name, stamp in stamps if stamp is not None], 1798675200.0))
 
 
 def test_only_open_stamps_decide_the_order() -> None:
-    texts = {"a": "03/04/2024 10:00", "b": "2024-04-13 10:00", "c": "31.01.2024 10:00", "d": "04/13/2024 10:00"}
-    stamps = [(name, stamp) for name, text in texts.items() if (stamp := read_stamp(text, "UTC")) is not None]
-    assert evidence(stamps) == {"month_first": "d ('04/13/2024 10:00')"}
+    assert left("03/04/2024 10:00", "2024-04-13 10:00", "31.01.2024 10:00", "04/13/2024 10:00") == (
+        {"month_first"},
+        ["d ('04/13/2024 10:00')"],
+    )
+
+
+def test_files_decide_the_order_together() -> None:
+    assert left("25/03/21 10:00", "24/03/21 10:00")[0] == {"day_first", "year_first"}
+    # No clock is ahead by years.
+    assert left("25/03/21 10:00", "30/03/21 10:00") == ({"day_first"}, ["b ('30/03/21 10:00')"])
+    assert left("25/03/21 10:00", "03/04/2024 10:00") == (
+        {"day_first"},
+        ["a ('25/03/21 10:00')", "b ('03/04/2024 10:00')"],
+    )
+    assert left("25/03/21 10:00", "03/25/2021 10:00")[0] == set()
 
 
 HEADERS = [

@@ -1,4 +1,4 @@
-"""Dates in numbers with signs of China and Japan, or without a century."""
+"""Spellings of dates and zones: signs of China and Japan, years without a century, abbreviations of zones."""
 
 from __future__ import annotations
 
@@ -7,6 +7,37 @@ import re
 _OF_CENTURY = re.compile(r".\d\d[-/.]\d\d[-/.]\d\d(?!\d)")
 _DATE_BY_SIGNS = re.compile(r"(\d{4})\s?年\s?(\d{1,2})\s?月\s?(\d{1,2})\s?日\s*")
 _CLOCK_BY_SIGNS = re.compile(r"(\d{1,2})\s?[時时]\s?(\d{1,2})\s?分\s?(\d{1,2}(?:\.\d+)?)\s?秒")
+
+ZONE_HOURS = {
+    "CET": 1,
+    "MEZ": 1,
+    "CEST": 2,
+    "MESZ": 2,
+    "WET": 0,
+    "WEST": 1,
+    "EET": 2,
+    "EEST": 3,
+    "MSK": 3,
+    "EST": -5,
+    "EDT": -4,
+    "CDT": -5,
+    "MST": -7,
+    "MDT": -6,
+    "PDT": -7,
+    "AKST": -9,
+    "AKDT": -8,
+    "HST": -10,
+    "JST": 9,
+    "KST": 9,
+    "AEST": 10,
+    "AEDT": 11,
+    "AWST": 8,
+    "NZST": 12,
+    "NZDT": 13,
+    "SAST": 2,
+    **dict.fromkeys(("UTC", "GMT", "Z", "ZULU", "UCT"), 0),
+}
+"""Hours from UTC of abbreviations that stand for one zone alone, which CST, IST and BST do not."""
 
 
 def in_signs(text: str) -> str:
