@@ -15,6 +15,7 @@ from streams.types.spellings import ZONE_HOURS
 from streams.types.stamps import Stamp, read_stamp
 
 _HOUR, _MAX_HOURS = 3600.0, 14.0
+_SIZES = {"h": _HOUR, "m": 60.0, "s": 1.0}
 _REGIONS = {
     **dict.fromkeys(("w. europe", "mitteleuropaische", "heure normale d'europe centrale"), "Europe/Berlin"),
     "central europe": "Europe/Budapest",
@@ -58,7 +59,7 @@ _NAMED = re.compile(r"(.+?)\s*(standard ?time|daylight ?time|summer ?time|sommer
 _SEASONS = {"standard": False, "winterzeit": False, "normalzeit": False}
 _SEASONS |= {"daylight": True, "summer": True, "sommerzeit": True}
 _OFFSET = re.compile(
-    r"(?:UTC|GMT|Z)?\s*(?P<sign>[+-]?)\s*(?:(?P<H>\d{1,2}):(?P<M>\d\d)(?::00)?|(?P<HH>\d\d)(?P<MM>\d\d)"
+    r"(?:UTC|GMT|Z)?\s*(?P<sign>[+-]?)\s*(?:(?P<H>\d{1,2}):(?P<M>\d\d)(?::00)?"
     r"|(?P<number>\d{1,5}(?:[.,]\d+)?))\s*(?P<unit>h|hr|hrs|hours?|std|stunden|min|minutes?|s|sec|seconds?)?",
     re.IGNORECASE,
 )
@@ -145,19 +146,27 @@ def _stated_zone(key: str, place: str, value: object) -> StatedZone | None:
 
 
 def _offset_in(text: str, unit: str) -> float | None:
-    """Return an offset in s, also without a unit as hours up to 14; ``unit`` is that of its key. None where open."""
+    """Return an offset in s; ``unit`` is that of its key. None where it is open.
+
+    Zones are quarters of an hour from UTC, up to 14 h, and none less than 1 h: of a number without a unit that leaves
+    hours, minutes or seconds. ``-0530`` has a sign.
+    """
     match = _OFFSET.fullmatch(text)
     if match is None:
         return None
-    if match["number"] is None:
-        seconds = _HOUR * int(match["H"] or match["HH"]) + 60.0 * int(match["M"] or match["MM"])
-        is_known = match["H"] is not None or match["sign"] != ""
+    digits, named = match["number"] or "", (match["unit"] or unit).lower().replace("std", "h")[:1]
+    if match["H"] is not None:
+        readings = [_HOUR * int(match["H"]) + 60.0 * int(match["M"])]
+    elif re.fullmatch(r"(0\d|1[0-4])[0-5]\d", digits) and not named:
+        readings = [_HOUR * int(digits[:2]) + 60.0 * int(digits[2:])] if match["sign"] else []
     else:
-        size = {"h": _HOUR, "m": 60.0, "s": 1.0}[(match["unit"] or unit or "h").lower().replace("std", "h")[0]]
-        seconds, is_known = float(match["number"].replace(",", ".")) * size, True
-    if not is_known or seconds > _MAX_HOURS * _HOUR or seconds % 900.0:
+        number = float(digits.replace(",", "."))
+        readings = [number * size for size in ([_SIZES[named]] if named else _SIZES.values())]
+        readings = [one for one in readings if named or not 0.0 < one < _HOUR]
+    found = {one for one in readings if one <= _MAX_HOURS * _HOUR and not one % 900.0}
+    if len(found) != 1:
         return None
-    return -seconds if match["sign"] == "-" else seconds
+    return -found.pop() if match["sign"] == "-" else found.pop()
 
 
 def _region(text: str) -> tuple[str, bool | None]:

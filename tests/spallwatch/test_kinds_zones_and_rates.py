@@ -42,6 +42,18 @@ def start_of(path: Path, **how: Any) -> float:
     return datetime.fromisoformat(sw.read(path, **how).attrs["start_utc"]).timestamp()
 
 
+MINUTES_OR_SECONDS = {
+    "-300": -5.0,
+    "330": 5.5,
+    "60": 1.0,
+    "3600": 1.0,
+    "-18000": -5.0,
+    "20700": 5.75,
+    "14": 14.0,
+    "0": 0,
+}
+
+
 @pytest.mark.parametrize("maker", MAKERS)
 @pytest.mark.parametrize(
     ("key", "value", "start", "hours"),
@@ -57,6 +69,7 @@ def start_of(path: Path, **how: Any) -> float:
         ("Time zone", "(UTC+01:00) Amsterdam, Berlin, Rome", WINTER, 1),
         ("Zeitzone", "Mitteleuropaische Sommerzeit", SUMMER, 2),
         ("UTC offset min", "330", WINTER, 5.5),
+        *(("TimeZoneOffset", text, WINTER, hours) for text, hours in MINUTES_OR_SECONDS.items()),
         ("Time zone", "Europe/Berlin", SUMMER, 2),
     ],
 )
@@ -71,7 +84,10 @@ def test_a_zone_is_read(maker: str, key: str, value: str, start: str, hours: flo
     [
         ("Time zone", "CST", WINTER),
         ("Time zone", "of the plant", WINTER),
-        ("TimeZoneOffset", "-300", WINTER),
+        ("TimeZoneOffset", "-500", WINTER),
+        ("TimeZoneOffset", "900", WINTER),
+        ("TimeZoneOffset", "-100000", WINTER),
+        ("UTC offset h", "-300", WINTER),
         ("Time zone", "(UTC+01:00) Amsterdam, Berlin, Rome", SUMMER),
         ("Time zone", "Central Standard Time", SUMMER),
     ],
