@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from streams.files.keys import ATTENUATIONS, GAINS, KEYS, MULTIPLIERS
+from streams.files.keys import ATTENUATIONS, GAINS, KEYS, LEVEL_UNITS, MULTIPLIERS
 from streams.files.statements import (
     Facts,
     StatedNumber,
@@ -19,7 +19,7 @@ from streams.files.statements import (
     scale_statements,
     speed_statements,
 )
-from streams.types.samples import ReaderError
+from streams.types.samples import OpenGain, ReaderError, Sensitivity
 
 _NEUTRAL = ("", "-", "none", "off", "no", "n/a", "unity", "applied", "1:1", "auto")
 REMEDY = "; name what is not to be believed in [[source]] disregard"
@@ -61,41 +61,49 @@ def judge_number(statements: Sequence[StatedNumber], what: str, where: str) -> f
 
 @dataclass(frozen=True)
 class Circumstances:
-    """What is stated besides samples: speed of the shaft, Hz; load, N; sensitivity, mV per g; one count, g.
+    """What is stated besides samples: speed of the shaft, Hz; load, N; sensitivity; one count, g.
 
-    ``gain`` is an amplifier that the sensitivity may or may not contain, in words, which leaves that open; likewise
-    ``multiplier`` what the numbers may or may not have been multiplied by.
+    ``gain`` is an amplifier that the sensitivity may or may not contain; ``multiplier`` what the numbers may or may not
+    have been multiplied by, in words.
     """
 
     speed: float | None
     load: float | None
-    sensitivity: float | None
+    sensitivity: Sensitivity | None
     count: float | None
-    gain: str = ""
+    gain: OpenGain | None = None
     multiplier: str = ""
 
 
 def circumstances_of(facts: Facts, where: str) -> Circumstances:
     """Judge speed, load and sensitivity among named values; ReaderError as :func:`judge_number`."""
-    level = judge_number(level_statements(facts), "sensitivity", where)
     gain, multiplier = _factor_words(facts, GAINS), _factor_words(facts, MULTIPLIERS)
     if not gain[1]:
         divider = _factor_words(facts, ATTENUATIONS)
         if divider[0]:
             # What is no number may be the name of a probe.
             gain = 1.0 / divider[0], divider[1]
-    words = gain[1]
-    if words and level is not None:
-        both = "" if gain[0] is None else f", {level:g} or {level * gain[0]:g} mV/g"
-        words = f"the sensitivity {level:g} mV/g may hold for the sensor alone or with {words}{both}"
     return Circumstances(
         judge_number(speed_statements(facts), "speed", where),
         judge_number(load_statements(facts), "load", where),
-        None if words else level,
+        _sensitivity(facts, where),
         judge_number(scale_statements(facts), "scale", where),
-        words,
+        OpenGain(gain[1], gain[0]) if gain[1] else None,
         multiplier[1],
     )
+
+
+def _sensitivity(facts: Facts, where: str) -> Sensitivity | None:
+    stated = {unit: level_statements(facts, unit) for unit in LEVEL_UNITS}
+    if all(stated.values()):
+        listed = ", ".join(f"{one.place} {one.written}" for both in stated.values() for one in both)
+        told = f"sensitivities of an acceleration and a velocity are stated: {listed}{REMEDY}"
+        raise ReaderError("unreadable", f"{where}: {told}")
+    for unit, statements in stated.items():
+        level = judge_number(statements, "sensitivity", where)
+        if level is not None:
+            return Sensitivity(level, unit)
+    return None
 
 
 def _factor_words(facts: Facts, keys: frozenset[str]) -> tuple[float | None, str]:

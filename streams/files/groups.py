@@ -334,7 +334,7 @@ def joined(parts: Sequence[Samples], labels: Sequence[str], paths: Sequence[str]
         stored=tuple(stored for part in parts for stored in part.stored),
         sensitivities=tuple(level for part in parts for level in part.sensitivities),
         count_scales=tuple(scale for part in parts for scale in part.count_scales),
-        open_gain=next((part.open_gain for part in parts if part.open_gain), ""),
+        open_gain=next((part.open_gain for part in parts if part.open_gain), None),
         open_multiplier=next((part.open_multiplier for part in parts if part.open_multiplier), ""),
         rate=rate,
         start=next((part.start for part in parts if part.start is not None), None),

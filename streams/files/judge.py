@@ -359,7 +359,7 @@ def judged(
         stored=tuple(str(row.facts.get(STORED, VALUES)) for row in rows),
         sensitivities=tuple(one.sensitivity for one in beside),
         count_scales=tuple(one.count for one in beside),
-        open_gain=next((one.gain for one in beside if one.gain), ""),
+        open_gain=next((one.gain for one in beside if one.gain), None),
         open_multiplier=next((one.multiplier for one in beside if one.multiplier), ""),
         stated_speed=_common([one.speed for one in beside]),
         stated_load=_common([one.load for one in beside]),

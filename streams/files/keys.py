@@ -117,11 +117,22 @@ SPEED_UNITS = {
     **dict.fromkeys(("hz", "1/s", "rps"), 1.0),
 }
 LOAD_UNITS = {"n": 1.0, "kn": 1e3}
-LEVEL_UNITS = {
-    f"{volts}/{per}": 1e3 * size * of_one_g
-    for volts, size in _VOLTS.items()
-    for per, of_one_g in (("g", 1.0), ("gn", 1.0), *((si, 9.80665) for si in _SI))
+LEVEL_UNITS: dict[str, dict[str, float]] = {
+    "g": {
+        f"{volts}/{per}": 1e3 * size * of_one_g
+        for volts, size in _VOLTS.items()
+        for per, of_one_g in (("g", 1.0), ("gn", 1.0), *((si, 9.80665) for si in _SI))
+    },
+    "mm/s": {
+        text: 1e3 * size / of_one
+        for volts, size in _VOLTS.items()
+        for per, (own, of_one) in UNITS.items()
+        if own == "mm/s"
+        # Of geophones: V·s/m, which is plain as vs/m.
+        for text in (f"{volts}/{per}", *([f"{volts}s/{per.removesuffix('/s')}"] if per.endswith("/s") else ()))
+    },
 }
+"""By the quantity of a sensor: mV per g or mm/s of a unit of its sensitivity."""
 SPEEDS = {
     **dict.fromkeys(("speed", "shaftspeed", "rotationalspeed", "rotationspeed", "rotatingspeed", "motorspeed"), ""),
     **dict.fromkeys(("runningspeed", "runspeed", "drehzahl", "wellendrehzahl", "motordrehzahl", "vitesse"), ""),
@@ -139,6 +150,7 @@ LEVELS = {
     **dict.fromkeys(("sensitivity", "sensorsensitivity", "transducersensitivity", "empfindlichkeit"), ""),
     **dict.fromkeys(("sensibilite", "sensibilidad", "sensibilita", "感度", "灵敏度", "czulosc"), ""),
     **dict.fromkeys(("sensitivitymvperg", "sensitivitymvg"), "mv/g"),
+    **dict.fromkeys(("sensitivitymvpermms", "sensitivitymvmms"), "mv/mm/s"),
 }
 """Plain keys of speed, load and sensitivity, each with the unit that the key names: without one the value must."""
 GAINS = frozenset(

@@ -9,7 +9,7 @@ import numpy as np
 from streams.files.statements import is_of_counts, is_of_vibration, multiple_of, quantity_words
 from streams.types.block import STANDARD_GRAVITY, VELOCITY
 from streams.types.large import elementwise
-from streams.types.samples import DIGITAL, FRACTIONS, SCALED, VALUES, ReaderError, Samples
+from streams.types.samples import DIGITAL, FRACTIONS, SCALED, VALUES, ReaderError, Samples, Sensitivity
 from streams.types.spec import UNITS, ChannelSpec
 
 _LEVEL_TOLERANCE = 0.01
@@ -28,22 +28,41 @@ def rows_as_stored(
         ReaderError: ``wrong_unit`` where the recording states another sensitivity, or another value of one count.
     """
     for channel, row in zip(channels, rows, strict=True):
+        told = f"{where}: channel {channel.name}"
+        level = None if samples.open_gain else samples.sensitivities[row]
+        own, size = multiple_of(samples.units[row])
+        in_volts = None if level is None else level.millivolts
+        _check_quantity(samples.sensitivities[row], own, channel, told)
         of_one_g = STANDARD_GRAVITY if channel.unit == "m/s2" else 1.0
         is_fraction = samples.stored[row] == FRACTIONS
+        of_volts = channel.scale if own == "V" and channel.unit == VELOCITY else None
         scale = None if channel.scale is None or channel.unit not in ("g", "m/s2") else channel.scale / of_one_g
         for key, unit, stated, given in (
-            ("sensitivity_mv_per_g", "mV/g", samples.sensitivities[row], channel.sensitivity_mv_per_g),
+            ("sensitivity_mv_per_g", "mV/g", in_volts, channel.sensitivity_mv_per_g),
+            ("scale", f"mm/s a {samples.units[row]}", in_volts and 1e3 * size / in_volts, of_volts),
             ("scale", "g a count", samples.count_scales[row], scale),
             ("range_g", "g at full scale", samples.count_scales[row] if is_fraction else None, range_g),
         ):
             if stated is not None and given is not None and abs(stated - given) > _LEVEL_TOLERANCE * abs(given):
                 reason = f"{stated:g} {unit} by the recording, {given:g} by {key}"
-                raise ReaderError("wrong_unit", f"{where}: channel {channel.name}: {reason}")
+                raise ReaderError("wrong_unit", f"{told}: {reason}")
     return frozenset(
         row
         for channel, row in zip(channels, rows, strict=True)
         if channel.unit == "V" or channel.any_unit or channel.scale is not None
     )
+
+
+def _check_quantity(level: Sensitivity | None, own: str, channel: ChannelSpec, told: str) -> None:
+    """Refuse a channel of a row in ``own`` unit whose sensitivity is one of another quantity."""
+    quantity = {"V": "g", "g": "g", "m/s2": "g", VELOCITY: VELOCITY}.get(channel.unit or "")
+    if own == "V" and level is not None and quantity not in (None, level.unit):
+        meant, stated = (
+            f"{'a velocity' if unit == VELOCITY else 'an acceleration'}" for unit in (quantity, level.unit)
+        )
+        given = "sensitivity_mv_per_g" if channel.unit == "V" else f"unit = {channel.unit!r}"
+        reason = f"{given} is of {meant}, but the recording states {level.words}, of {stated}"
+        raise ReaderError("wrong_unit", f'{told}: {reason}; write unit = "{level.unit}"')
 
 
 def refuse_open(samples: Samples, row: int, channel: ChannelSpec | None, where: str) -> None:
@@ -54,19 +73,27 @@ def refuse_open(samples: Samples, row: int, channel: ChannelSpec | None, where: 
     if samples.open_multiplier and (channel is None or channel.scale is None) and (unit == "" or is_of_vibration(unit)):
         told = f"{samples.open_multiplier} may have been applied or not; give [[channel]] scale"
         raise ReaderError("wrong_unit", f"{where}: {told}, or name it in disregard")
-    is_stated = " mV/g" in samples.open_gain
-    if samples.open_gain and unit == "V" and (channel is None or channel.unit != "V" or not is_stated):
-        way = (
-            "give [[channel]] sensitivity_mv_per_g of both, or" if is_stated else "if sensitivity_mv_per_g contains it,"
-        )
-        raise ReaderError("wrong_unit", f"{where}: in V; {samples.open_gain}; {way} name the gain in disregard")
+    gain, level = samples.open_gain, samples.sensitivities[row]
+    is_scaled = channel is not None and (
+        (channel.unit == "V" and level is not None) or (channel.unit == VELOCITY and channel.scale is not None)
+    )
+    if gain is None or unit != "V" or is_scaled:
+        return
+    told, way = gain.words, "if sensitivity_mv_per_g contains it,"
+    if level is not None:
+        both = level.words
+        if gain.factor is not None:
+            both = f"{level.millivolts:g} or {level._replace(millivolts=level.millivolts * gain.factor).words}"
+        told = f"the sensitivity may hold for the sensor alone or with {gain.words}, {both}"
+        way = f"give [[channel]] {'sensitivity_mv_per_g' if level.unit == 'g' else 'scale'} of both, or"
+    raise ReaderError("wrong_unit", f"{where}: in V; {told}; {way} name the gain in disregard")
 
 
 def in_own_units(samples: Samples, as_stored: frozenset[int] = frozenset()) -> tuple[Samples, tuple[float, ...]]:
     """Return the samples with our unit for each multiple of it, such as V for mV, and the factors still to apply.
 
-    Rows in V are in g where the file states the sensitivity, rows of counts where it states one count; but for those
-    that are wanted ``as_stored``.
+    Rows in V are in g or mm/s where the file states the sensitivity and no gain, rows of counts where it states one
+    count; but for those that are wanted ``as_stored``.
     """
     both, stored = [multiple_of(unit) for unit in samples.units], list(samples.stored)
     for row, (unit, level, count) in enumerate(
@@ -74,8 +101,8 @@ def in_own_units(samples: Samples, as_stored: frozenset[int] = frozenset()) -> t
     ):
         if row in as_stored:
             continue
-        if both[row][0] == "V" and level is not None:
-            both[row] = "g", both[row][1] * 1e3 / level
+        if both[row][0] == "V" and level is not None and samples.open_gain is None:
+            both[row] = level.unit, both[row][1] * 1e3 / level.millivolts
         elif count is not None and is_of_counts(unit) and not samples.scaled:
             both[row], stored[row] = ("g", count), SCALED
     units, factors = tuple([own or None for own, _ in both]), tuple([factor for _, factor in both])
@@ -113,7 +140,9 @@ def unit_of(samples: Samples, row: int, channel: ChannelSpec, where: str) -> str
     if channel.any_unit:
         return "unknown"
     stated, configured = samples.units[row], channel.unit
-    if channel.scale is not None and is_of_counts(stated):
+    if channel.scale is not None and (
+        is_of_counts(stated) or (configured == VELOCITY and multiple_of(stated)[0] == "V")
+    ):
         stated = None
     where = f"{where}: channel {channel.name}"
     if samples.scaled and channel.scale not in (None, 1.0):

@@ -317,9 +317,9 @@ def load_statements(facts: Facts) -> list[StatedNumber]:
     return _positive(facts, LOADS, LOAD_UNITS)
 
 
-def level_statements(facts: Facts) -> list[StatedNumber]:
-    """Return what plain keys state of the sensitivity of a sensor, in mV per g; what states no unit is left out."""
-    return _positive(facts, LEVELS, LEVEL_UNITS)
+def level_statements(facts: Facts, unit: str) -> list[StatedNumber]:
+    """Return what plain keys state of the sensitivity of a sensor, in mV per "g" or "mm/s"; with another unit: none."""
+    return _positive(facts, LEVELS, LEVEL_UNITS[unit])
 
 
 def scale_statements(facts: Facts) -> list[StatedNumber]:
@@ -336,7 +336,7 @@ def is_of_counts(unit: str | None) -> bool:
 def _positive(facts: Facts, keys: Mapping[str, str], units: Mapping[str, float]) -> list[StatedNumber]:
     """Return the positive numbers under some keys, given with the unit that each names, "" for none."""
     found = (
-        number_in(value, place, units if not keys[key] else {**units, "": units[keys[key]]})
+        number_in(value, place, {**units, "": units[keys[key]]} if keys[key] in units else units)
         for key, place, value in named(facts, keys)
     )
     return [stated for stated in found if stated is not None and min(stated.readings) > 0.0]

@@ -6,7 +6,7 @@ import errno
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from math import prod
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,25 @@ _PASSING = frozenset(
         *(errno.ENOMEM, errno.ESTALE, errno.ETIMEDOUT),
     )
 )
+
+
+class Sensitivity(NamedTuple):
+    """What a sensor gives: mV per ``unit``, "g" or "mm/s"."""
+
+    millivolts: float
+    unit: str = "g"
+
+    @property
+    def words(self) -> str:
+        """The same in words."""
+        return f"{self.millivolts:g} mV/{'g' if self.unit == 'g' else f'({self.unit})'}"
+
+
+class OpenGain(NamedTuple):
+    """An amplifier that a sensitivity may contain or not: where it is stated, and its factor, None for no number."""
+
+    words: str
+    factor: float | None = None
 
 
 class ReaderError(SpallwatchError):
@@ -76,9 +95,9 @@ class Samples:
         rate_readings: Hz, what a rate may mean whose way of writing leaves it open; rate is None then.
         rate_resolution: Hz by which each of them is uncertain.
         rate_written: where it stands and how it is written.
-        sensitivities: of each row, mV per g, as the file states it.
+        sensitivities: of each row, as the file states it; with an ``open_gain`` it tells no level.
         count_scales: of each row, the g of one count, as the file states it.
-        open_gain: what the file states of an amplifier that a sensitivity may contain or not, in words.
+        open_gain: of an amplifier that the file states, None for none.
         open_multiplier: what it states of a factor that may have been applied or not, in words.
         stated_speed: of the shaft, Hz, as a head states it among other things: offered, not used for the block.
         stated_load: likewise the radial load, N.
@@ -131,9 +150,9 @@ class Samples:
     rate_readings: tuple[float, ...] = ()
     rate_resolution: float = 0.0
     rate_written: str = ""
-    sensitivities: tuple[float | None, ...] = ()
+    sensitivities: tuple[Sensitivity | None, ...] = ()
     count_scales: tuple[float | None, ...] = ()
-    open_gain: str = ""
+    open_gain: OpenGain | None = None
     open_multiplier: str = ""
     stated_speed: float | None = None
     stated_load: float | None = None
@@ -149,20 +168,9 @@ class Samples:
         object.__setattr__(self, "columns", self.columns or tuple(range(1, rows + 1)))
         object.__setattr__(self, "channels", self.channels or tuple(f"column_{column}" for column in self.columns))
         object.__setattr__(self, "names", self.names or self.channels)
-        object.__setattr__(self, "units", self.units or (None,) * rows)
-        object.__setattr__(self, "stored", self.stored or (VALUES,) * rows)
-        object.__setattr__(self, "sensitivities", self.sensitivities or (None,) * rows)
-        object.__setattr__(self, "count_scales", self.count_scales or (None,) * rows)
-        parts = (
-            self.columns,
-            self.channels,
-            self.names,
-            self.units,
-            self.stored,
-            self.sensitivities,
-            self.count_scales,
-        )
-        counts = {len(part) for part in parts}
+        for key, default in (("units", None), ("stored", VALUES), ("sensitivities", None), ("count_scales", None)):
+            object.__setattr__(self, key, getattr(self, key) or (default,) * rows)
+        counts = {len(getattr(self, key)) for key in _OF_ROWS if key != "values"}
         if counts != {rows}:
             raise ValueError(f"{rows} rows of samples, but {sorted(counts)} columns, channels, names and units")
 

@@ -59,6 +59,43 @@ def test_a_gain_beside_a_sensitivity_is_asked(maker: str, gain: Words, both: str
     assert rms(path, disregard=list(gain)) == pytest.approx(GRAVITY * 10.0, rel=1e-6)
 
 
+MM_S = {"4 mV/(mm/s)": 4.0, "4mV/mm/s": 4.0, "4 V/(m/s)": 4.0, "101.6 mV/(in/s)": 4.0, "0.1016 V/ips": 4.0,
+        "28.8 V·s/m": 28.8, "4 mV/(mm·s⁻¹)": 4.0}  # fmt: skip
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+@pytest.mark.parametrize("stated", MM_S)
+def test_volts_of_a_sensor_of_velocity_are_read(maker: str, stated: str, tmp_path: Path) -> None:
+    for unit, size in (("V", 1.0), ("mV", 1e-3)):
+        found = sw.read(MAKERS[maker](tmp_path, {"fs": RATE, "Sensitivity": stated}, unit))
+        assert (found.name, found.attrs["units"]) == ("velocity", "m s-1")
+        assert float((found**2).mean() ** 0.5) == pytest.approx(size / MM_S[stated], rel=1e-5)
+        configured = sw.read(next(tmp_path.iterdir()), unit="mm/s")
+        assert configured.values == pytest.approx(found.values)
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_a_sensor_of_velocity_gives_no_acceleration(maker: str, tmp_path: Path) -> None:
+    words = {"fs": RATE, "Sensitivity": "4 mV/(mm/s)"}
+    path = MAKERS[maker](tmp_path, words, "V")
+    ways: list[Words] = [{"unit": "g"}, {"unit": "V", "sensitivity_mv_per_g": 100.0}]
+    for how in ways:
+        with pytest.raises(sw.SpallwatchError, match=r"is of an acceleration.* 4 mV/\(mm/s\), of a velocity"):
+            sw.read(path, **how)
+    with pytest.raises(sw.SpallwatchError, match=r"250 mm/s a V by the recording, 100 by scale"):
+        sw.read(path, unit="mm/s", scale=100.0)
+    with pytest.raises(sw.SpallwatchError, match=r"of an acceleration and a velocity are stated|several values"):
+        sw.read(MAKERS[maker](tmp_path, {**words, "Sensor sensitivity": "100 mV/g"}, "V"))
+    with pytest.raises(sw.SpallwatchError, match=r"4 or 40 mV/\(mm/s\); give .*scale"):
+        sw.read(MAKERS[maker](tmp_path, {**words, "Gain": "10"}, "V"))
+
+
+@pytest.mark.parametrize("maker", MAKERS)
+def test_volts_without_a_sensitivity_are_a_velocity_by_their_scale(maker: str, tmp_path: Path) -> None:
+    found = sw.read(MAKERS[maker](tmp_path, {"fs": RATE}, "V"), unit="mm/s", scale=250.0)
+    assert (found.name, float((found**2).mean() ** 0.5)) == ("velocity", pytest.approx(0.25, rel=1e-5))
+
+
 @pytest.mark.parametrize("maker", MAKERS)
 def test_a_probe_may_have_a_name(maker: str, tmp_path: Path) -> None:
     path = MAKERS[maker](tmp_path, {**LEVEL, "Probe": "PCB 352C33"}, "V")

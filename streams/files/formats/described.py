@@ -94,7 +94,7 @@ def described(
             (one.count or beside.count) if unit is not None or _is_whole(row) else None
             for one, unit, row in zip(own, found_units, samples.values, strict=True)
         ),
-        open_gain=next((one.gain for one in (beside, *own) if one.gain), ""),
+        open_gain=next((one.gain for one in (beside, *own) if one.gain), None),
         open_multiplier=next((one.multiplier for one in (beside, *own) if one.multiplier), ""),
         **rate.fields,
         **start.fields,

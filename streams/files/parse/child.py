@@ -31,7 +31,7 @@ from streams.files.parse.worker import read_all, read_into, write_all
 from streams.turns.pulses import Pulses
 from streams.types.large import Data, FileBytes, NoRoomError, mapped_array
 from streams.types.limits import MAX_BYTES, ChildLimits
-from streams.types.samples import ReaderError, Samples, one_after_another
+from streams.types.samples import OpenGain, ReaderError, Samples, Sensitivity, one_after_another
 
 _ANSWER_BYTES = 1 << 22
 _REMEMBERED_BYTES = 1 << 24
@@ -350,7 +350,11 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
 
 
 def _stated_of(values: NDArray[Any], fields: dict[str, Any]) -> Samples:
-    lists = {key: tuple(value) for key, value in fields.items() if isinstance(value, list)}
+    lists: dict[str, Any] = {key: tuple(value) for key, value in fields.items() if isinstance(value, list)}
+    if lists.get("sensitivities"):
+        lists["sensitivities"] = tuple(level and Sensitivity(*level) for level in lists["sensitivities"])
+    if lists.get("open_gain"):
+        lists["open_gain"] = OpenGain(*lists["open_gain"])
     return Samples(values, **{**fields, **lists})
 
 
