@@ -195,17 +195,27 @@ class ClusterExecutor:
         elif future is None or future.status not in ("finished", "error"):
             self._recover()
         elif future.status == "finished":
-            try:
-                outcome = future.result(timeout=_RESULT_S)
-            except Exception:
-                # The worker went with it, but its results are where they belong.
-                outcome = self._stored(sent.call)
-            if outcome is not None:
-                self._end(sent, outcome)
-            else:
-                self._send(sent)
+            self._answered(sent, future)
         else:
-            self._fail(sent, future.exception(timeout=_RESULT_S))
+            try:
+                error = future.exception(timeout=_RESULT_S)
+            except Exception as raised:  # It cannot be fetched or unpickled.
+                error = raised
+            self._fail(sent, error)
+
+    def _answered(self, sent: _Sent, future: Any) -> None:
+        """Take what a worker answered; where it cannot be fetched, its results may be where they belong."""
+        try:
+            outcome = _checked(sent.call, future.result(timeout=_RESULT_S))
+        except Exception as error:
+            sent.losses += 1
+            outcome = self._stored(sent.call)
+            if outcome is None and sent.losses >= MAX_ATTEMPTS:
+                outcome = _failed(sent.call, failure_of(error, of_task=False))
+        if outcome is None:
+            self._send(sent)
+        else:
+            self._end(sent, outcome)
 
     def _fail(self, sent: _Sent, error: BaseException) -> None:
         """Take an exception of dask; those of tasks are outcomes."""
@@ -331,6 +341,14 @@ class ClusterExecutor:
                         f"{stated}, and did not come back within {self._reconnect_s:.0f} s: {error}"
                     ) from None
                 time.sleep(0.5)
+
+
+def _checked(call: ChunkCall, answer: object) -> ChunkOutcome:
+    """Return the answer of a worker, or a failure where it is none for this chunk."""
+    if isinstance(answer, ChunkOutcome) and answer.key == call.key:
+        return answer
+    error = DamagedDataError(f"{call.label}: a worker answered with {type(answer).__name__}, not with its outcome")
+    return _failed(call, failure_of(error))
 
 
 def _failed(call: ChunkCall, failure: Failure) -> ChunkOutcome:

@@ -16,11 +16,13 @@ from typing import Any
 
 from models.words.errors import SpallwatchError, WrongInputError
 from models.work.errors import ObjectStorageError
-from models.work.filesystem import cause, error_code, filesystem, in_loop, repeated
+from models.work.filesystem import Listing, ListingError, cause, error_code, filesystem, in_loop, repeated
 from models.work.redact import redact
 
 SCHEMES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
 """Where a file appears whole or not at all. Of these s3 is tested against a server; memory is for tests."""
+_MAX_NAMES = 100_000_000
+"""Names below a prefix that are believed; they are not held."""
 _CHANGED = ("PreconditionFailed", "412", "ConditionalRequestConflict", "409", "NoSuchKey", "404")
 """Codes of S3 for a conditional request that found another object, or one that is being written or gone."""
 
@@ -118,17 +120,19 @@ class ObjectStore:
         bucket, _, root = self._root.partition("/")
         root = f"{root}/" if root else ""
         options: dict[str, str] = {}
+        listing = Listing(f"{root}{prefix}", _MAX_NAMES)
         while True:
             with self._foreseen(prefix, "listed"):
                 ask: Any = partial(self._files.call_s3, "list_objects_v2", Bucket=bucket, Prefix=f"{root}{prefix}")
                 answer: dict[str, Any] = repeated(partial(ask, **options))
+                token = listing.check(answer)
             for entry in answer.get("Contents", ()):
                 # The mark of a folder, as some programs make an object of it.
                 if not entry["Key"].endswith("/"):
                     yield entry["Key"][len(root) :]
-            if not answer.get("IsTruncated"):
+            if token is None:
                 return
-            options = {"ContinuationToken": answer["NextContinuationToken"]}
+            options = {"ContinuationToken": token}
 
     def _entries(self, folder: str) -> list[tuple[str, bool]]:
         """Return names and kinds of what stands in a folder, nothing where there is no such folder."""
@@ -249,6 +253,8 @@ class ObjectStore:
         """Raise ObjectStorageError for whatever the file system raises: each brings exceptions of its own."""
         try:
             yield
+        except ListingError as error:
+            raise ObjectStorageError(f"{self.url}/{name} {error}".replace("/ ", " ")) from None
         except SpallwatchError:
             raise
         except Exception as error:

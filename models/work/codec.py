@@ -12,6 +12,7 @@ import dataclasses
 import enum
 import hashlib
 import importlib
+import math
 import struct
 from collections.abc import Callable
 from functools import cache, cached_property
@@ -36,6 +37,10 @@ _COMPLEX = struct.Struct("<dd")
 # Booleans, numbers, text and times; objects and structures are refused.
 _KINDS = "?biufcSUmM"
 _DIGEST_BYTES = 20
+
+
+_MALFORMED = (ArithmeticError, AttributeError, LookupError, MemoryError, RecursionError, TypeError, ValueError)
+"""What reading raises on bytes that :func:`encode` never writes."""
 
 
 class DamagedDataError(SpallwatchError):
@@ -72,7 +77,11 @@ def decode(data: bytes) -> Any:
     if stated != found:
         raise DamagedDataError(f"{len(data)} bytes have the checksum {found:08x}, expected {stated:08x}")
     reader = _Reader(data)
-    value = reader.value()
+    try:
+        value = reader.value()
+    except _MALFORMED as error:
+        # The checksum is right: they were written so on purpose.
+        raise DamagedDataError(f"no value can be made of {len(data)} bytes: {type(error).__name__}: {error}") from None
     if reader.place != len(data):
         raise DamagedDataError(f"{len(data) - reader.place} bytes are left after the value")
     return value
@@ -290,6 +299,9 @@ class _Reader:
         order, write, dimensions = self.take(1).decode(), self.take(1) == b"w", self.take(1)[0]
         shape = tuple(self.length() for _ in range(dimensions))
         size = self.length()
+        _check_dtype(dtype, "array")
+        if math.prod(shape) * dtype.itemsize != size:
+            raise DamagedDataError(f"an array of {shape} {dtype} has {size} bytes")
         # A copy is aligned and may be written to.
         found = np.empty(shape, dtype, order="F" if order == "F" else "C")
         if size:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import importlib
+import sys
 import traceback
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from models.words.errors import SpallwatchError, WrongInputError
 from models.work.codec import ROOTS
@@ -90,12 +93,13 @@ def error_of(failure: Failure) -> Exception:
     Otherwise it is a WrongInputError for a class of this project and a ValueError for another one.
     """
     module, _, name = failure.kind.partition(":")
-    try:
-        kind = getattr(importlib.import_module(module), name)
-        error = kind(failure.message)
-    except Exception:
-        error = None
-    if not isinstance(error, WrongInputError | ValueError) or str(error) != failure.message:
+    error = None
+    # What a worker names is neither imported from other packages nor called unless it is such a class.
+    with suppress(Exception):
+        found = importlib.import_module(module) if module.partition(".")[0] in ROOTS else sys.modules[module]
+        kind: Any = getattr(found, name)
+        error = kind(failure.message) if issubclass(kind, WrongInputError | ValueError) else None
+    if error is None or str(error) != failure.message:
         error = WrongInputError(failure.message) if module.partition(".")[0] in ROOTS else ValueError(failure.message)
     error.add_note(failure.log)
     return error

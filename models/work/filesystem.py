@@ -10,10 +10,11 @@ import importlib
 import os
 import re
 import time
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
+from functools import partial
 from typing import Any, TypeVar, cast
 
-from models.words.errors import WrongInputError
+from models.words.errors import SpallwatchError, WrongInputError
 from models.work.redact import has_user_info, redact
 
 _S3 = ("s3", "s3a")
@@ -31,6 +32,9 @@ _PAUSES_S = (0.2, 1.0, 5.0)
 _INCOMPLETE = ("ClientPayloadError", "IncompleteReadError", "ResponseStreamingError", "FlexibleChecksumError")
 """Exceptions of botocore and aiohttp for answers that broke off, or that do not have their checksum."""
 _PREFIX = re.compile(r"^\[Errno \d+\] |^An error occurred \([^)]*\) when calling the \w+ operation(?: \([^)]*\))?: ")
+
+MAX_HELD_NAMES = 1_000_000
+"""Names of one listing that is held in memory, about 1 kB each."""
 
 T = TypeVar("T")
 
@@ -74,6 +78,9 @@ def filesystem(url: str, *, asynchronous: bool = False) -> tuple[Any, str]:
         raise WrongInputError(f"{shown}: {scheme}:// cannot be used ({cause(error)})") from None
     if scheme in _S3:
         found.retries = _S3_ROUNDS
+        # By it s3fs lists whatever it lists; it asks for further pages for as long as a server has any.
+        pages: Any = kind._list_pages
+        found._list_pages = partial(_guarded_pages, pages, found)
     path = str(kind._strip_protocol(url)).rstrip("/")
     if asynchronous:
         wrapper: Any = importlib.import_module("fsspec.implementations.asyn_wrapper")
@@ -89,6 +96,48 @@ def _s3_options(kind: Any) -> dict[str, Any]:
     if not {"AWS_MAX_ATTEMPTS", "AWS_RETRY_MODE"} & os.environ.keys():
         limits["retries"] = {"total_max_attempts": _S3_ATTEMPTS, "mode": "legacy"}
     return {"config_kwargs": {**limits, **stated}}
+
+
+class ListingError(SpallwatchError):
+    """A server lists what no bucket holds: the message says what."""
+
+
+class Listing:
+    """Checks the pages of one listing of S3: it goes on, stays below its prefix, and ends."""
+
+    def __init__(self, prefix: str, max_names: int) -> None:
+        """Begin with the prefix that was asked for, and with the number of names that are believed."""
+        self._prefix, self._max_names = prefix, max_names
+        self._names = 0
+        self._begins: set[str] = set()
+
+    def check(self, page: Mapping[str, Any]) -> str | None:
+        """Return the token of the next page, None after the last one; ListingError where a page cannot be right."""
+        names = [str(entry["Key"]) for entry in page.get("Contents", ())]
+        names += [str(entry["Prefix"]) for entry in page.get("CommonPrefixes", ())]
+        if foreign := [name for name in names if not name.startswith(self._prefix)]:
+            raise ListingError(f"lists {foreign[0][:80]!r}, expected names that begin with {self._prefix!r}")
+        self._names += len(names)
+        if self._names > self._max_names:
+            raise ListingError(f"lists more than {self._max_names} names, expected fewer")
+        if not page.get("IsTruncated"):
+            return None
+        token = page.get("NextContinuationToken")
+        marks = {f"token {token}", f"name {names[0]}"} if names else {f"token {token}"}
+        if not token or self._begins & marks:
+            raise ListingError(
+                "lists the same again and again" if token else "says that names are missing, but no token"
+            )
+        self._begins |= marks
+        return str(token)
+
+
+async def _guarded_pages(pages: Callable[..., Any], files: Any, method: str, **options: Any) -> AsyncIterator[Any]:
+    """Yield the pages of a listing of s3fs, each after it was checked."""
+    listing = Listing(str(options.get("Prefix", "")), MAX_HELD_NAMES)
+    async for page in pages(files, method, **options):
+        listing.check(page)
+        yield page
 
 
 def repeated(action: Callable[[], T]) -> T:

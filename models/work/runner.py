@@ -337,6 +337,9 @@ class Runner:
             stored = read_chunk(self._store, chunk.key)
             if stored is None:
                 raise DamagedDataError(f"{self._store.url} has no results of {chunk.label}, which a worker wrote")
+            if len(stored.results) != len(chunk.tasks):
+                found, expected = len(stored.results), len(chunk.tasks)
+                raise DamagedDataError(f"{self._store.url}: {chunk.label} has {found} results of {expected} tasks")
         except DamagedDataError as error:
             job.undo(chunk)
             if (aside := job.fail(chunk, failure_of(error))) is not None:

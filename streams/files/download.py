@@ -99,6 +99,8 @@ def _written(url: str, answer: http.client.HTTPResponse, file: BinaryIO, start: 
     stated, etag = answer.headers.get("Content-Length"), answer.headers.get("ETag")
     if stated is None and not answer.chunked:
         raise RemoteError(f"{bare_url(url)}: the server states no length, so that a part cannot be told from the whole")
+    if stated is not None and not stated.isdecimal():
+        raise RemoteError(f"{bare_url(url)}: the server states a length of {stated[:20]!r}, expected bytes")
     whole = None if stated is None else start + int(stated)
     refuse_size(bare_url(url), whole or 0, max_bytes)
     # A weak tag promises no equal bytes: such a file is begun anew.

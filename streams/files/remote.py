@@ -21,7 +21,7 @@ from urllib.parse import unquote, urlsplit
 
 from models.platform.scratch import free_bytes, scratch_folder
 from models.words.errors import SpallwatchError
-from models.work.filesystem import cause, error_code, filesystem, repeated
+from models.work.filesystem import ListingError, cause, error_code, filesystem, repeated
 from models.work.redact import bare_url, has_user_info, redact
 from streams.files.container import is_archive
 from streams.files.download import RemoteError, download, refuse_size
@@ -271,26 +271,43 @@ def fetch_files(url: str, found: Sequence[RemoteFile], targets: Mapping[str, Pat
     with foreseen(url, "fetched"):
         for folder in {target.parent for target in targets.values()}:
             folder.mkdir(parents=True, exist_ok=True)
-        _get_all(files, targets)
+        _get_all(files, found, targets)
     for file in found:
         _check(files, file, targets[file.path], url)
 
 
-def _get_all(files: Any, targets: Mapping[str, Path]) -> None:
+def _get_all(files: Any, found: Sequence[RemoteFile], targets: Mapping[str, Path]) -> None:
     """Fetch objects, several at a time: a request waits for the network most of its time.
 
     In threads: where a file fails, fsspec's own ``get`` leaves the others under way.
     """
     pool = ThreadPoolExecutor(_FILES_AT_A_TIME if files.async_impl else 1)
     try:
-        for done in [pool.submit(_get, files, path, target) for path, target in targets.items()]:
+        for done in [pool.submit(_get, files, file, targets[file.path]) for file in found]:
             done.result()
     finally:
         pool.shutdown(cancel_futures=True)
 
 
-def _get(files: Any, path: str, target: Path) -> None:
-    repeated(lambda: files.get_file(path, str(target)))
+def _get(files: Any, file: RemoteFile, target: Path) -> None:
+    repeated(lambda: files.get_file(file.path, str(target), callback=_Arrived(file)))
+
+
+class _Arrived:
+    """Ends a transfer that brings more than was listed, before it fills the disk: a callback as fsspec takes it."""
+
+    def __init__(self, file: RemoteFile) -> None:
+        self._file, self._size = file, 0
+
+    def set_size(self, size: int | None) -> None:
+        # Here s3fs would leave the connection open.
+        pass
+
+    def relative_update(self, count: int = 1) -> None:
+        self._size += count
+        if self._size > self._file.size:
+            counts = f"{self._file.size} bytes before, at least {self._size} came"
+            raise RemoteError(f"{redact(self._file.path)}: changed while it was fetched ({counts})")
 
 
 def _check(files: Any, file: RemoteFile, target: Path, url: str) -> None:
@@ -337,6 +354,8 @@ def foreseen(url: str, done: str) -> Iterator[None]:
     """Raise SourceError or RemoteError for whatever a file system raises, of the storage or of this machine."""
     try:
         yield
+    except ListingError as error:
+        raise RemoteError(f"{redact(url)} {error}") from None
     except SpallwatchError:
         raise
     except Exception as error:

@@ -21,7 +21,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-How = Literal["refuse", "reset", "cut", "lose", "damage", "shorten", "delay"]
+How = Literal["refuse", "answer", "reset", "cut", "lose", "damage", "shorten", "delay"]
 _CHECKSUMS = "x-amz-checksum"
 _HOP_BY_HOP = ("connection", "transfer-encoding", "content-length", "keep-alive")
 
@@ -41,18 +41,20 @@ class Fault:
     """What becomes of a request.
 
     Attributes:
-        how: "refuse": an answer with an error, and the request is not passed on; "reset": the connection is reset
-            before it is passed on; "cut": half of the body is sent; "lose": it is carried out and its answer is lost;
-            "damage": half of the body is sent, as if it were all, with its checksum; "shorten": the same without a
-            checksum, which not every server has; "delay": it waits.
+        how: "refuse": an answer with an error, and the request is not passed on; "answer": ``body`` instead of it;
+            "reset": the connection is reset before it is passed on; "cut": half of the body is sent; "lose": it is
+            carried out and its answer is lost; "damage": half of the body is sent, as if it were all, with its
+            checksum; "shorten": the same without a checksum, which not every server has; "delay": it waits.
         status, code: of a refusal, such as 503 and "SlowDown".
         seconds: of a delay.
+        body: of an answer.
     """
 
     how: How
     status: int = 503
     code: str = "SlowDown"
     seconds: float = 0.0
+    body: bytes = b""
 
 
 Rule = Callable[[Request], Fault | None]
@@ -184,6 +186,8 @@ class _Handler(BaseHTTPRequestHandler):
             self._pass_on(body, None)
         elif fault.how == "refuse":
             self._send(fault.status, {}, _error_text(fault.code))
+        elif fault.how == "answer":
+            self._send(200, {"ETag": '"0"', "Content-Type": "application/xml"}, fault.body)
         elif fault.how == "reset":
             self._reset()
         else:

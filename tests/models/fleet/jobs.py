@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import socket
 import time
@@ -57,3 +58,39 @@ def listening() -> list[str]:
 def periodic(dask_worker: Any) -> list[str]:
     """Return what a worker does again and again; dask gives the worker."""
     return list(dask_worker.periodic_callbacks)
+
+
+class Unreadable(Exception):  # noqa: N818  # what is raised, not how it is called, matters
+    """An exception that cannot be unpickled."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _refuse, ()
+
+
+def _refuse() -> None:
+    raise RuntimeError("not unpickled")
+
+
+def misbehave(how: str) -> None:
+    """Let this worker answer chunks as one that means harm; "": as before."""
+    from models.fleet import member
+    from models.work import chunk
+    from models.work.codec import encode
+    from models.work.task import ChunkCall, ChunkOutcome
+
+    def answer(call: ChunkCall, memory: int, worker: str) -> Any:
+        outcome = ChunkOutcome(call.key, None, 0.0, 0, worker, "p")
+        if how == "raises":
+            raise Unreadable
+        if how == "too few results":
+            data = encode(chunk.StoredChunk(call.key, [], 0.0, worker, "p"))
+            chunk.cached_store(call.store).write(chunk.chunk_name(call.key), data)
+        return {
+            "nothing": None,
+            "another kind": {"key": call.key},
+            "giant": b"x" * 20_000_000,
+            "another chunk": dataclasses.replace(outcome, key="00"),
+            "unreadable": Unreadable(),
+        }.get(how, outcome)
+
+    member.run_chunk = answer if how else chunk.run_chunk

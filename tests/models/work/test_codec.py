@@ -8,7 +8,9 @@ import os
 import struct
 import subprocess
 import sys
+import tracemalloc
 from collections import OrderedDict
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from google_crc32c import value as crc32c
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -115,6 +118,41 @@ def test_torn_and_changed_bytes_are_found(value, data):
     for damaged in (whole[:place], bytes(changed)):
         with pytest.raises(DamagedDataError):
             decode(damaged)
+
+
+@given(values, st.data())
+def test_bytes_with_a_right_checksum_are_a_value_or_refused(value, data):
+    """What writes into the store of the chunks may write a right checksum, too."""
+    body = bytearray(encode(value)[8:])
+    for _ in range(data.draw(st.integers(1, 3))):
+        body[data.draw(st.integers(0, len(body) - 1))] = data.draw(st.integers(0, 255))
+    with suppress(DamagedDataError):
+        decode(b"SWC1" + struct.pack("<I", crc32c(bytes(body))) + bytes(body))
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"a" + struct.pack("<Q", 3) + b"<f8" + b"Cw\x01" + struct.pack("<QQ", 2**40, 0),
+        b"a" + struct.pack("<Q", 2) + b"|O" + b"Cw\x01" + struct.pack("<QQ", 1, 8) + bytes(8),
+        b"a" + struct.pack("<Q", 3) + b"<f8" + b"Cw\x02" + struct.pack("<QQQ", 3, 5, 8) + bytes(8),
+        (b"l" + struct.pack("<Q", 1)) * 100_000 + b"N",
+        b"d" + struct.pack("<Q", 1) + b"l" + bytes(8) + b"N",
+        b"E" + struct.pack("<Q", 28) + b"models.machine.scene:Nothing" + bytes(8),
+        b"s" + struct.pack("<Q", 1) + b"\xff",
+        b"b" + struct.pack("<Q", 2**63),
+        b"l" + struct.pack("<Q", 2**63),
+    ],
+    ids=["a bomb", "objects", "another shape", "too deep", "a key", "no member", "no text", "too long", "too many"],
+)
+def test_hostile_bytes_are_refused_without_the_memory_that_they_state(body):
+    tracemalloc.start()
+    try:
+        with pytest.raises(DamagedDataError):
+            decode(b"SWC1" + struct.pack("<I", crc32c(body)) + body)
+        assert tracemalloc.get_traced_memory()[1] < 20_000_000
+    finally:
+        tracemalloc.stop()
 
 
 @pytest.mark.parametrize("order", ["C", "F"])

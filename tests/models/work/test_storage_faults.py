@@ -136,3 +136,79 @@ def test_a_storage_that_is_lost_ends_a_run_with_one_line_and_resume_finishes_it(
     assert [result[0] for result in found] == [2.0 * task for task in TASKS]
     assert list(store.names()) == []
     assert redact(message) == message
+
+
+def page(names, token):
+    entries = "".join(
+        f"<Contents><Key>{name}</Key><LastModified>2026-03-01T00:00:00.000Z</LastModified><ETag>&quot;0&quot;</ETag>"
+        f"<Size>3</Size></Contents>"
+        for name in names
+    )
+    more = f"<NextContinuationToken>{token}</NextContinuationToken>" if token else ""
+    text = f"<IsTruncated>{str(token is not None).lower()}</IsTruncated>{more}{entries}"
+    return f'<?xml version="1.0" encoding="UTF-8"?><ListBucketResult>{text}</ListBucketResult>'.encode()
+
+
+LISTINGS = {
+    "the same token": (lambda n: (["evil/run/a.npy"], "one"), "lists the same again and again"),
+    "the same names": (lambda n: (["evil/run/a.npy"], f"t{n}"), "lists the same again and again"),
+    "no names": (lambda n: ([], "one"), "lists the same again and again"),
+    "no token": (lambda n: (["evil/run/a.npy"], ""), "says that names are missing, but no token"),
+    "no end": (lambda n: ([f"evil/run/{n}-{i}.npy" for i in range(9)], f"t{n}"), "lists more than 50 names"),
+    "another prefix": (lambda n: (["other/secret.npy"], None), "lists 'other/secret.npy', expected names that begin"),
+}
+
+
+@pytest.mark.parametrize("kind", LISTINGS)
+def test_a_listing_that_no_bucket_has_ends_with_one_line(kind, faulty, storage, tmp_path, monkeypatch):
+    monkeypatch.setattr("models.work.filesystem.MAX_HELD_NAMES", 50)
+    monkeypatch.setattr("models.fleet.object_store._MAX_NAMES", 50)
+    answer, words = LISTINGS[kind]
+    faulty.rule = lambda request: Fault("answer", body=page(*answer(faulty.requests)))
+    for action in (
+        lambda: list(ObjectStore(storage.url("evil")).names("run")),
+        lambda: fetched(storage.url("evil/run"), tmp_path).__enter__(),
+        lambda: expand(storage.url("evil/run/*")),
+    ):
+        with pytest.raises((ObjectStorageError, RemoteError), match=words) as caught:
+            action()
+        assert str(caught.value).startswith(storage.url("evil/run"))
+        assert len(str(caught.value).splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["../../out.npy", "a/../b.npy", "a\\b.npy", ".."])
+def test_a_key_that_leads_out_of_the_folder_is_not_fetched(name, faulty, storage, tmp_path):
+    faulty.rule = lambda request: Fault("answer", body=page([f"evil/run/{name}"], None))
+    with pytest.raises(SourceError, match=r"cannot be that of a file|no such object, and none below"):
+        fetched(storage.url("evil/run"), tmp_path).__enter__()
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_object_that_is_more_than_was_listed_does_not_fill_the_disk(faulty, storage, tmp_path):
+    store = ObjectStore(storage.url("evil"))
+    store.write("run/a.npy", b"x" * 5_000_000)
+
+    def rule(request):
+        listed = request.method == "GET" and "list-type" in request.query
+        return Fault("answer", body=page(["evil/run/a.npy"], None)) if listed else None
+
+    faulty.rule = rule
+    with pytest.raises(
+        RemoteError, match=r"a\.npy: changed while it was fetched \(3 bytes before, at least \d{1,6} came"
+    ):
+        fetched(storage.url("evil/run"), tmp_path).__enter__()
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_object_that_is_replaced_between_list_and_read_is_no_recording(faulty, storage, tmp_path):
+    store = ObjectStore(storage.url("replaced"))
+    store.write("run/a.npy", b"before")
+
+    def rule(request):
+        if request.method == "GET" and request.path.endswith(".npy") and request.times == 1:
+            store.write("run/a.npy", b"after!")
+
+    faulty.rule = rule
+    with pytest.raises(RemoteError, match=r"a\.npy: changed while it was fetched"):
+        fetched(storage.url("replaced/run"), tmp_path).__enter__()
