@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import runpy
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +13,7 @@ import pytest
 
 from monitor.cli import spallwatch
 from monitor.config.load import Config
-from tests.support.docs import DOCS, FOR_USERS, ROOT, read
+from tests.support.docs import DOCS, FOR_USERS, ROOT, missing_tests, read, sentences
 
 MAX_WORDS_FOR_USERS = 34_790
 PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
@@ -71,13 +73,23 @@ def test_each_promise_of_the_threat_model_names_tests_that_there_are() -> None:
     items = [item for item in re.split(r"^ *- ", promised, flags=re.MULTILINE)[1:] if not item.strip().endswith("**")]
     assert len(items) >= 12
     assert [item for item in items if not re.search(r"`tests/[\w/]+\.py::test_\w+`[.;,]", item)] == []
-    named = set(re.findall(r"`(tests/[\w/]+\.py)::(test_\w+)`", text))
-    missing = [
-        f"{path}::{name}"
-        for path, name in sorted(named)
-        if not (ROOT / path).exists() or not re.search(rf"^def {name}\(", read(ROOT / path), re.MULTILINE)
-    ]
-    assert missing == []
+    assert missing_tests(re.findall(r"`(tests/[\w/]+\.py::test_\w+)`", text)) == []
+
+
+def test_each_sentence_about_the_daemon_has_its_tests_and_its_figures() -> None:
+    proofs = tomllib.loads(read(ROOT / "tests" / "support" / "daemon_sentences.toml"))["sentence"]
+    said = list(sentences(read(DOCS / "reference" / "daemon.md")))
+    assert len(said) > 50
+    # Each is there once, in the order of the page.
+    assert [proof["says"] for proof in proofs] == said
+    assert [proof["says"] for proof in proofs if not proof["tests"]] == []
+    assert missing_tests(test for proof in proofs for test in proof["tests"]) == []
+    figures = [tuple(figure) for proof in proofs for figure in proof.get("figures", ())]
+    # Run anew, as quick effort shortens those of the modules that are loaded.
+    modules = {file: runpy.run_path(str(ROOT / file)) for file in sorted({file for file, *_ in figures})}
+    assert [figure for figure in figures if modules[figure[0]].get(figure[1]) != figure[2]] == []
+    page = "# A\n\n- **One** [of](b.md)\n  two. Three.\n\nSee [d](e). Keys:\n\n|k|\n|---|\n| `x` | 1 |\n"
+    assert list(sentences(page)) == ["One of two.", "Three.", "`x` | 1"]
 
 
 def test_every_key_of_the_configuration_is_described() -> None:

@@ -150,11 +150,14 @@ def test_a_start_that_the_system_refuses_for_long_is_no_wrong_configuration(
 ) -> None:
     monkeypatch.setattr("monitor.service.daemon._START_PAUSE_S", 0.05)
     monkeypatch.setattr("monitor.service.daemon._START_S", 0.5)
+    sent: list[str] = []
+    monkeypatch.setattr("monitor.service.daemon.ServiceManager.send", lambda self, *lines: sent.append(lines[0]))
     config = make_machine(tmp_path)
     Faults(5, NEVER, "read").install(monkeypatch)
     with pytest.raises(StoppedError, match=r"cannot start: .*disk I/O error") as told:
         Daemon(load_config(config)).run(threading.Event())
     assert told.value.exit_code == 1
+    assert set(sent) == {"EXTEND_TIMEOUT_USEC=60000000"}
     found = status(config)
     assert found["status"] == "starting"
     assert "disk I/O error" in found["problems"]["start"]

@@ -79,6 +79,7 @@ def test_invalid_files_are_left_out_on_request(tmp_path: Path) -> None:
     fleet = load_fleet(tmp_path, strict=False)
     assert [machine.path.name for machine in fleet.machines] == ["a.toml"]
     assert "b.toml:1: not valid TOML" in fleet.problems[0]
+    assert call("status", "--config", str(tmp_path)).returncode == 2
     (tmp_path / "a.toml").unlink()
     with pytest.raises(ConfigError, match=r"b\.toml:1: not valid TOML"):
         load_fleet(tmp_path, strict=False)

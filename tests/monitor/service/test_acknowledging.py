@@ -261,6 +261,7 @@ def acknowledge(path: Path) -> None:
 @pytest.mark.process
 def test_the_status_of_a_running_daemon_shows_alarms_levels_and_what_is_open(tmp_path: Path) -> None:
     path = loud_machine(tmp_path)
+    path.write_text(f'{path.read_text()}[[alarms.level]]\nfeature = "kurtosis"\ndanger_factor = 9\n')
     with running(path):
         put(path, 1, 1.0)
         wait_until(lambda: last(path) == 2)
@@ -285,7 +286,9 @@ def test_the_status_of_a_running_daemon_shows_alarms_levels_and_what_is_open(tmp
                 "side": "above",
                 "alert_si": pytest.approx(3 * 9.80665),
                 "danger_si": None,
-            }
+            },
+            # Not learned yet.
+            {"rule": "kurtosis", "feature": "kurtosis", "side": "above", "alert_si": None, "danger_si": None},
         ]
         printed = call("status", "--config", str(path)).stdout
         assert "1 event waits to be acknowledged\n" in printed

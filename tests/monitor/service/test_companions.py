@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import urllib.request
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
+from models.platform import supervision
 from monitor.config.load import load_config
+from monitor.records.events import EventLog
 from monitor.records.store import Store
 from monitor.service.companions import Companions
+from monitor.service.daemon import Daemon
+from monitor.service.start import inspect
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, start, status
+from tests.support.docs import DOCS, read, table
 from tests.support.waiting import PATIENCE_S, at_most, stop, wait_until
 
 pytestmark = pytest.mark.process
@@ -35,13 +42,48 @@ def test_a_page_that_crashes_is_a_problem_and_stops_nothing(tmp_path: Path, monk
     config = with_page(tmp_path)
     with monkeypatch.context() as broken:
         broken.setattr("monitor.service.children._PAGE", "sys:exit")
+        broken.setattr(supervision, "MIN_PAUSE_S", 0.0)
+        broken.setattr(supervision, "MAX_PAUSE_S", 0.0)
         with running(config, path=config):
             wait_until(lambda: "page" in status(config)["problems"])
             put(config, 1)
             wait_until(lambda: status(config)["blocks"] == 2)
             assert status(config)["page"] is None
             assert status(config)["status"] == "degraded"
+            wait_until(lambda: status(config)["restarts"].get("page", {}).get("down"))
+            found = status(config)["restarts"]["page"]
+            assert (found["failures"], found["count"], found["cause"]) == (10, 9, "the page ended unexpectedly")
+            with EventLog(tmp_path / "state" / "state.db") as log:
+                wait_until(lambda: "stays_down" in [notice.body["kind"] for _, notice in log.notices()])
     assert last(config) == 2
+
+
+def test_each_part_has_the_name_among_the_problems_that_the_documentation_gives(tmp_path: Path) -> None:
+    config = with_page(tmp_path)
+    nowhere = "127.0.0.1:1"
+    mqtt = f'[publish.mqtt]\nurl = "mqtt://{nowhere}/a"\n[publish.sparkplug]\nurl = "mqtt://{nowhere}/b"\n'
+    opcua = f'[publish.opcua]\n[operating.opcua]\nurl = "opc.tcp://{nowhere}"\nspeed_node = "ns=2;s=Speed"\n'
+    config.write_text(f'{config.read_text()}{mqtt}{opcua}[notify.webhook]\nurl = "http://{nowhere}/"\n')
+    daemon = Daemon(load_config(config), config)
+    with ExitStack() as opened:
+        daemon._open(inspect(load_config(config)), opened)
+        companions, condition = daemon._companions, daemon._condition
+        assert condition is not None
+        parts = (daemon._disk, daemon._retention, daemon._loop_failures, daemon._log_failures, condition)
+        for part in (*parts, daemon._ingest.failures, companions._publisher):
+            part.problem = "x"
+        for part in (*companions._servers.values(), *companions._workers.values()):
+            part.problem = "x"
+        companions._publisher.kept["m.nc"] = "x"
+        found = set(daemon.problems())
+        for part in (*parts[2:4], daemon._ingest.failures, daemon._retention.failures):
+            part.note(OSError("x"))
+        failures = daemon._failures()
+    # These two are seen without a daemon that runs.
+    found = {name if not name.startswith("notify.") else "notify.NAME" for name in found} | {"start", "backup"}
+    rows = table(read(DOCS / "reference" / "daemon.md"), "## Status")
+    assert found == set(re.findall(r"`([^`]+)`", rows["`problems`"]))
+    assert {*failures, *failures["store"]} == set(re.findall(r"`([^`]+)`", rows["`failures`"]))
 
 
 def test_without_a_page_none_is_started(tmp_path: Path) -> None:
@@ -50,6 +92,10 @@ def test_without_a_page_none_is_started(tmp_path: Path) -> None:
         companions = Companions(config, store, tmp_path / "m.toml")
         companions.tick(room=False)
         assert (companions.url, companions.problems()) == (None, {})
+        # Nothing is published on a full disk.
+        assert not companions._publisher.busy
+        companions.tick(room=True)
+        assert companions._publisher.busy
         companions.end(room=False)
         companions.close()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import socket
 import threading
@@ -14,27 +15,37 @@ from typing import Any
 import pytest
 import xarray as xr
 
+from monitor import __version__
 from monitor.config.load import ConfigError, load_config
 from monitor.records.database import StoreError
 from monitor.records.events import EventLog
 from monitor.records.store import Store
+from monitor.service.companions import Companions
 from monitor.service.daemon import Daemon, free_bytes
 from monitor.service.machine_status import channel_state
-from monitor.service.system import DiskGuard, ServiceManager, StatusFile, read_status
+from monitor.service.progress import boot_id
+from monitor.service.system import DiskGuard, ServiceManager, StatusFile, present_status, read_status
+from tests.support.commands import run_command
 from tests.support.daemon import last, put, running
 from tests.support.daemons import make_machine, status
+from tests.support.docs import DOCS, read, table
 from tests.support.waiting import PATIENCE_S, at_most, wait_until
 
 
 @pytest.mark.process
 def test_it_says_what_it_does_until_it_stops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("monitor.service.companions._LAST_PUBLICATION_S", 600.0)
+    told: list[str] = []
+    monkeypatch.setattr(ServiceManager, "send", lambda self, *lines: told.append(lines[0]))
+    end = Companions.end
+    monkeypatch.setattr(Companions, "end", lambda self, *, room: (told.append("published"), end(self, room=room))[1])
     config = make_machine(tmp_path, sources=2)
     put(config, 1)
     (tmp_path / "in0" / "notes.md").touch()
     with running(config):
         wait_until(lambda: status(config)["sources"]["s0"]["accepted"] == 1 and status(config)["blocks"] == 2)
         found = read_status(tmp_path / "state")
+        shown = present_status(load_config(config))
         with pytest.raises(StoreError, match="another daemon is running"):
             StatusFile.open(tmp_path / "state")
     assert found["running"]
@@ -46,8 +57,13 @@ def test_it_says_what_it_does_until_it_stops(tmp_path: Path, monkeypatch: pytest
     assert (first["stage"], first["last_block"], first["last_block_status"]) == ("learning", 2, "ok")
     assert (first["state"], second["state"]) == ("check_function", "check_function")
     assert second["last_block"] is None
+    identity = [found[key] for key in ("pid", "boot", "version", "config_hash")]
+    assert identity == [os.getpid(), boot_id(), __version__, load_config(config).hash]
+    rows = ",".join(name for name in table(read(DOCS / "reference" / "daemon.md"), "## Status") if "." not in name)
+    assert shown.keys() | {"stall"} == set(re.findall(r"`(\w+)`", rows))
     after = read_status(tmp_path / "state")
     assert (after["running"], after["status"]) == (False, "stopped")
+    assert told == ["READY=1", "STOPPING=1", "published"]
     with xr.open_dataset(tmp_path / "records" / "m-undated.nc") as dataset:
         assert dataset.sizes["time"] == 2
         assert dataset.attrs["config_hash"] == load_config(config).hash
@@ -66,6 +82,13 @@ def test_a_restart_knows_what_was_and_goes_on(tmp_path: Path) -> None:
         put(config, 2)
         wait_until(lambda: last(config) == 4)
     assert status(config)["blocks"] == 2
+    out = ("--out", tmp_path / "out", "--no-report", "--json")
+    replayed = json.loads(run_command("replay", tmp_path / "in0", "--config", config, *out).stdout)
+    ours, theirs = status(config)["channels"]["x0"].keys(), replayed["channels"]["x0"].keys()
+    own = {"source", "state", "reason", "alarms", "levels"}
+    assert own | {f"last_block{end}" for end in ("", "_utc", "_status", "_age_s")} == ours - theirs
+    assert theirs <= ours
+    assert status(config)["bearings"] == replayed["bearings"]
     with Store.open(tmp_path / "state" / "state.db", read_only=True) as store:
         assert store.rows("SELECT count(*), max(run) FROM runs JOIN blocks ON run = runs.id") == [(4, 1)]
         assert store.rows("SELECT count(*) FROM runs") == [(1,)]

@@ -150,6 +150,24 @@ def test_a_store_that_fails_is_tried_again_and_nothing_is_acknowledged_meanwhile
     assert source.acknowledged == [1]
 
 
+def test_attempts_to_commit_are_a_second_apart_at_most(store: Store, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.pipeline._RETRY_S", 1.0)  # Quick effort shortens it.
+    waited: list[float | None] = []
+
+    class Waiting(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            waited.append(timeout)
+            return len(waited) == 7
+
+    def full(*_: Any) -> object:
+        raise StoreError("state.db: database or disk is full")
+
+    monkeypatch.setattr(store, "commit_many", full)
+    with ingest_of(store, Queue(store, [block(1)])) as ingest:
+        assert ingest.step(Waiting()) is None
+    assert waited == [0.05, 0.1, 0.2, 0.4, 0.8, 1.0, 1.0]
+
+
 def test_it_stops_when_told_and_shows_what_it_commits(store: Store) -> None:
     source = Queue(store, [block(number) for number in range(1, 6)])
     stop, seen = threading.Event(), []

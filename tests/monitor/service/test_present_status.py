@@ -11,6 +11,7 @@ import pytest
 
 from monitor.config.load import load_config
 from monitor.records.backup import NOTE
+from monitor.service.progress import unhealthy
 from monitor.service.system import StatusFile, present_status
 from tests.support.commands import run_command
 from tests.support.daemons import make_machine
@@ -50,8 +51,11 @@ def test_a_full_disk_is_seen_although_the_daemon_could_not_write_its_status(tmp_
         found = status_of(tmp_path, 150_000_000)
         assert found["status"] == "degraded"
         assert "the disk is nearly full, 150 MB are free, 200 MB are needed" in found["problems"]["disk"]
+        assert list(unhealthy(found)) == [found["problems"]["disk"]]
         roomy = status_of(tmp_path, 200_000_000)
         assert (roomy["status"], roomy["problems"]) == ("running", {})
+        file.write({**_WRITTEN, "problems": {"store": "disk I/O error", "publisher": "no room"}})
+        assert list(unhealthy(status_of(tmp_path, 200_000_000))) == ["disk I/O error"]
     stopped = status_of(tmp_path, 0)
     assert stopped["status"] == "died"
     assert "disk" in stopped["problems"]

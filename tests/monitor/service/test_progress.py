@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -142,18 +143,36 @@ def test_a_frozen_daemon_is_stalled_and_unhealthy_until_it_goes_on(tmp_path: Pat
 
 @pytest.mark.process
 def test_the_watchdog_is_fed_only_while_no_source_is_stalled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fed: list[float] = []
+    monkeypatch.setattr("monitor.service.system._CHECK_DISK_S", 0.05)
+    fed: list[threading.Thread] = []
     stalled: list[str] = []
-    monkeypatch.setattr(daemons.ServiceManager, "feed_watchdog", lambda self, now: fed.append(now))
+    committing: set[threading.Thread] = set()
+    step = daemons.Ingest.step
+
+    def taken(ingest: Any, stop: threading.Event) -> object:
+        committing.add(threading.current_thread())
+        return step(ingest, stop)
+
+    monkeypatch.setattr(daemons.Ingest, "step", taken)
+    monkeypatch.setattr(
+        daemons.ServiceManager, "feed_watchdog", lambda self, now: fed.append(threading.current_thread())
+    )
     monkeypatch.setattr(daemons.Ingest, "stalled", lambda self: list(stalled))
-    config = make_machine(tmp_path)
-    with running(config):
+    config, free = make_machine(tmp_path), [10**9]
+    with running(config, free=lambda _: free[0]):
         wait_until(lambda: len(fed) > 3)
         stalled.append("s0")
         wait_until(lambda: raw_status(config)["stalled"] == ["s0"])
         before = len(fed)
         time.sleep(0.5)
         assert len(fed) == before
+        # A restart would not help.
+        free[0] = 0
+        wait_until(lambda: len(fed) > before)
+        free[0] = 10**9
+        wait_until(lambda: raw_status(config)["stalled"] == ["s0"])
+        before = len(fed)
         stalled.clear()
         wait_until(lambda: len(fed) > before)
         wait_until(lambda: raw_status(config)["stalled"] == [])
+    assert set(fed) == committing

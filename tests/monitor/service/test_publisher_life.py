@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -85,6 +86,68 @@ def test_the_publisher_mends_what_is_lost_and_comes_back_when_killed(tmp_path: P
         finally:
             publisher.close()
         assert publisher.pid is None
+
+
+class Told:
+    """A child that answers when the test says so."""
+
+    pid, ended = 1, False
+
+    def __init__(self, *_: str) -> None:
+        self.lines: list[bytes] = []
+
+    def answer(self, seconds: float) -> None:
+        found = {"published": [], "kept": [], "deleted": [], "missing": [], "size": 0, "problem": None}
+        self.lines = [json.dumps({**found, "seconds": seconds}).encode()]
+
+    def read_lines(self, timeout: float) -> list[bytes]:
+        found, self.lines = self.lines, []
+        return found
+
+    def write(self, line: bytes) -> None:
+        assert line == b"0\n"
+
+    def close_pipes(self) -> None:
+        self.ended = True
+
+    end = close_pipes
+
+
+def test_pauses_follow_the_duration_all_files_are_checked_now_and_then_and_one_that_hangs_is_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Quick effort shortens them.
+    monkeypatch.setattr(publishing, "_MIN_PAUSE_FACTOR", 20.0)
+    monkeypatch.setattr(publishing, "_CHECK_TURNS", 10)
+    children: list[Told] = []
+    monkeypatch.setattr(publishing, "Child", lambda *given: children.append(Told(*given)) or children[-1])
+    now = [0.0]
+    with Store.open(tmp_path / "state.db", machine="m") as store:
+        publisher = Publisher(store, tmp_path / "records", every=60.0, monotonic=lambda: now[0])
+
+        def is_busy_at(seconds: float) -> bool:
+            now[0] = seconds
+            publisher.tick()
+            return publisher.busy
+
+        assert is_busy_at(0.0)
+        children[0].answer(10.0)
+        assert not is_busy_at(0.0)
+        publisher.changed()
+        assert [is_busy_at(seconds) for seconds in (60.0, 199.0, 200.0)] == [False, False, True]
+        children[0].answer(0.1)
+        assert not is_busy_at(200.0)
+        assert [is_busy_at(200.0 + 60.0 * turn) for turn in range(1, 11)] == [False] * 9 + [True]
+        assert is_busy_at(1400.0)
+        assert (publisher.problem, len(children)) == (None, 1)
+        assert not is_busy_at(1401.0)
+        assert publisher.problem == "publishing takes longer than 600 s"
+        assert children[0].ended
+        assert is_busy_at(1461.0)
+        assert len(children) == 2
+        # The stop does not wait for it.
+        assert not publisher.finish(0.01)
+        publisher.close()
 
 
 def test_the_publisher_asks_only_when_something_changed(tmp_path: Path) -> None:

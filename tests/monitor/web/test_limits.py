@@ -7,7 +7,8 @@ import socket
 import threading
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 from starlette.requests import Request
@@ -19,6 +20,7 @@ from monitor.web.auth import Doorkeeper
 from monitor.web.desk import NO_FOLDERS
 from monitor.web.machines import Machines
 from monitor.web.security import Doors
+from monitor.web.server import HEAD_S, LimitedProtocol
 from tests.support.daemons import make_machine
 from tests.support.pages import Page, page_of
 from tests.support.security import machine_with_event
@@ -160,6 +162,22 @@ def test_a_client_that_holds_most_connections_makes_room(tmp_path: Path, monkeyp
         assert other.recv(12)[-3:] == b"503"
         for connection in (other, *held):
             connection.close()
+
+
+def test_an_answer_of_which_nothing_is_taken_is_ended() -> None:
+    pending, looks, ended = [0], list[float](), list[bool]()
+    connection = object.__new__(LimitedProtocol)
+    connection.transport = cast(
+        "Any", SimpleNamespace(get_write_buffer_size=lambda: pending[0], abort=lambda: ended.append(True))
+    )
+    connection.loop = cast("Any", SimpleNamespace(call_later=lambda seconds, _: looks.append(seconds)))
+    # An idle connection, one that takes its answer slowly, and one that takes nothing more.
+    for size in (0, 0, 0, 0, 900, 600, 300, 300, 300):
+        pending[0] = size
+        connection._check_progress()
+    assert (looks, ended) == ([HEAD_S] * 9, [])
+    connection._check_progress()
+    assert (looks, ended) == ([HEAD_S] * 9, [True])
 
 
 @pytest.mark.parametrize("opening", [b"[", b'{"token":', b'{"who":'])

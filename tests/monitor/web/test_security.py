@@ -247,13 +247,16 @@ def ended(connection: object) -> bool:
 def test_whoever_sends_slowly_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(LimitedProtocol, "head_within", 0.3)
     monkeypatch.setattr("monitor.web.security._MAX_ANSWER_S", 0.5)
+    monkeypatch.setattr("monitor.web.server._KEEP_ALIVE_S", 0.5)
     with page_of(machine_with_event(tmp_path)) as page:
-        with page.dial() as silent, page.dial() as slow, page.dial() as again:
+        with page.dial() as silent, page.dial() as slow, page.dial() as again, page.dial() as served:
+            served.sendall(b"GET /readyz HTTP/1.1\r\nHost: localhost:%d\r\n\r\n" % page.port)
+            assert served.recv(4096).startswith(b"HTTP/1.1 200")
             slow.sendall(b"GET /api/session HTTP/1.1\r\nHost: loc")
             again.sendall(b"GET /readyz HTTP/1.1\r\nHost: localhost:%d\r\n\r\n" % page.port)
             assert again.recv(4096).startswith(b"HTTP/1.1 200")
             again.sendall(b"GET /rea")
-            for connection in (silent, slow):
+            for connection in (silent, slow, served):
                 wait_until(lambda found=connection: ended(found))
             wait_until(lambda: ended(again))
         head = b"POST /login HTTP/1.1\r\nHost: localhost:%d\r\nContent-Type: application/json\r\n" % page.port

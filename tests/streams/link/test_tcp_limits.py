@@ -56,7 +56,11 @@ def test_a_sender_that_dawdles_is_dropped() -> None:
         assert "no whole hello within 0.2 s" in (receiver.problem() or "")
         with raw(receiver) as connection:
             answer(connection)
-            connection.sendall(frame(1)[:50])
+            # Between two frames there is no limit.
+            time.sleep(0.6)
+            connection.sendall(frame(1))
+            wait_until(lambda: receiver.backlog().pending == 1)
+            connection.sendall(frame(2)[:50])
             assert gone(connection)
         wait_until(lambda: "no whole frame within 0.2 s" in (receiver.problem() or ""))
 
@@ -66,6 +70,28 @@ def test_one_connection_too_many_is_refused() -> None:
         answer(first)
         with socket.create_connection(("127.0.0.1", receiver.port), PATIENCE_S) as second:
             assert gone(second)
+
+
+def test_a_sender_that_reads_no_answers_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    ledger = MemoryLedger()
+    with receiving(ledger) as receiver, raw(receiver) as connection:
+        answer(connection)
+        monkeypatch.setattr("streams.link.tcp._MAX_OUT_BYTES", 7)
+        connection.sendall(frame(1))
+        commit(receiver, ledger)
+        assert gone(connection)
+        wait_until(lambda: "does not read what is answered" in (receiver.problem() or ""))
+
+
+def test_many_connections_at_once_wait_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("streams.link.tcp._CONNECTIONS_PER_S", 4.0)
+    with receiving(MemoryLedger()) as receiver:
+        began = time.monotonic()
+        for _ in range(5):
+            with raw(receiver) as connection:
+                assert answer(connection) == 0
+        # Two at once, and four a second.
+        assert time.monotonic() - began >= 0.5
 
 
 def test_the_newest_connection_of_a_stream_is_the_one() -> None:

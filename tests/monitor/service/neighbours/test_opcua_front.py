@@ -119,15 +119,22 @@ def test_what_is_no_conversation_is_ended(server: tuple[str, int], sent: bytes, 
 
 def test_one_client_holds_at_most_half_and_another_finds_room(server: tuple[str, int]) -> None:
     url, port = server
-    held = [dial(port) for _ in range(front.MAX_CONNECTIONS // 2 + 40)]
-    try:
-        for connection in held:
-            connection.sendall(hello())
-        wait_until(lambda: sum(is_ended(connection) for connection in held) >= 40)
-        assert serves(url)
-    finally:
-        for connection in held:
-            connection.close()
+
+    async def act(first: Client, second: Client) -> None:
+        held = [dial(port) for _ in range(front.MAX_CONNECTIONS // 2 + 40)]
+        try:
+            for connection in held:
+                connection.sendall(hello())
+            await asyncio.to_thread(wait_until, lambda: sum(map(is_ended, held)) >= 42)
+            # Those with a session stay.
+            for client in (first, second):
+                assert await client.get_node("ns=2;s=pump:state").read_value() == "maintenance_required"
+        finally:
+            for connection in held:
+                connection.close()
+
+    with_clients(url, act)
+    assert serves(url)
 
 
 def test_connections_without_a_session_are_ended(server: tuple[str, int], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,6 +143,13 @@ def test_connections_without_a_session_are_ended(server: tuple[str, int], monkey
         greeted.sendall(hello())
         assert answers(silent) == []
         assert [kind for kind, _ in answers(greeted)] == [b"ACK"]
+
+
+def unconnected() -> front.LimitedConnection:
+    door: front.Door[front.LimitedConnection] = front.Door(8, 4, lambda found: found.idleness)
+    services = SimpleNamespace(max_pending_messages_per_connection=front._MAX_QUEUED)
+    given: Any = {"iserver": services, "policies": [], "clients": [], "closing_tasks": [], "limits": None}
+    return front.LimitedConnection(door, **given)
 
 
 def test_a_client_that_reads_no_answers_gets_no_more_and_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,10 +161,7 @@ def test_a_client_that_reads_no_answers_gets_no_more_and_is_ended(monkeypatch: p
         return True
 
     async def run() -> None:
-        door: front.Door[front.LimitedConnection] = front.Door(8, 4, lambda found: found.idleness)
-        services = SimpleNamespace(max_pending_messages_per_connection=4)
-        given: Any = {"iserver": services, "policies": [], "clients": [], "closing_tasks": [], "limits": None}
-        found, ended = front.LimitedConnection(door, **given), asyncio.Event()
+        found, ended = unconnected(), asyncio.Event()
         found.transport = cast("Any", SimpleNamespace(abort=ended.set))
         found.processor = cast("Any", SimpleNamespace(process=process, session=None))
         found.pause_writing()
@@ -166,6 +177,38 @@ def test_a_client_that_reads_no_answers_gets_no_more_and_is_ended(monkeypatch: p
             await ended.wait()
 
     asyncio.run(run())
+
+
+def test_a_client_that_asks_too_fast_is_read_no_further(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(front, "_MESSAGES_PER_S", 1e-3)
+    monkeypatch.setattr(front, "_BURST", 5.0)
+    chunk = b"MSGF" + struct.pack("<II", 16, 1) + bytes(4)
+
+    async def run() -> None:
+        found, paused = unconnected(), list[bool]()
+        found.transport = cast(
+            "Any", SimpleNamespace(is_closing=lambda: False, pause_reading=lambda: paused.append(True))
+        )
+        found._chunk_bytes = front.MAX_CHUNK_BYTES
+        for number in range(1, 6):
+            found.data_received(chunk)
+            assert (found.messages.qsize(), paused) == (number, [])
+        found.data_received(2 * chunk)
+        assert (found.messages.qsize(), paused) == (6, [True])
+        found._timers["resume"].cancel()
+
+    asyncio.run(run())
+
+
+def test_a_message_and_a_session_have_a_limit(server: tuple[str, int]) -> None:
+    async def act(first: Client, second: Client) -> None:
+        node = first.get_node("ns=2;s=pump:state")
+        assert first.session_timeout == 1000.0 * front.MAX_SESSION_S
+        with pytest.raises(ua.uaerrors.BadRequestTooLarge):
+            await first.read_values([node] * 15_000)
+        assert await second.get_node("ns=2;s=pump:state").read_value() == "maintenance_required"
+
+    with_clients(server[0], act)
 
 
 def test_a_connection_has_one_session_and_this_is_no_discovery_server(server: tuple[str, int]) -> None:
