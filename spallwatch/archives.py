@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
+from models.words.errors import SpallwatchError
 from models.work.folder_store import FolderStore, open_store
 from models.work.redact import redact
 from monitor.fleet.arrays import ARCHIVE_VERSION, CHANNEL, PART, RECORDING, ROW, UNDATED
@@ -70,7 +71,12 @@ def open_archive(
             return joined_files(files, f"{redact(fspath(url))}/{machine}/{recording}", variables, channels, dated)
     if recording is not None and machine is not None:
         raw = _opened(place, lazily=False)
-        return _one(raw, _row_of(raw, place, machine, recording), place, variables, channels, dated)
+        try:
+            return _one(raw, _row_of(raw, place, machine, recording), place, variables, channels, dated)
+        except RecordsError:
+            raise
+        except Exception as error:  # As above: of values that nothing here wrote.
+            raise RecordsError(f"{redact(place)}: cannot be read: {type(error).__name__}: {error}") from None
     if channels is not None or dated is not None:
         raise RecordsError("channels and dated are of one recording; name machine and recording")
     lazy = _opened(place, lazily=True)
@@ -94,6 +100,8 @@ def _files_of(url: str, machine: str, recording: str) -> Iterator[list[Path]]:
     if result is None or not result.files:
         reason = result.reason if result is not None else f"there is no {RESULT_NAME}"
         raise RecordsError(f"{redact(url)}: holds no records of {name}{f': {reason}' if reason else ''}")
+    if outside := [file.name for file in result.files if not _is_below(file.name)]:
+        raise RecordsError(f"{redact(url)}: {name}/{RESULT_NAME} names {outside[0]!r}, which leads out of the archive")
     if isinstance(store, FolderStore):
         yield [Path(store.url) / file.name for file in result.files]
         return
@@ -104,6 +112,10 @@ def _files_of(url: str, machine: str, recording: str) -> Iterator[list[Path]]:
                 raise RecordsError(f"{redact(url)}: {file.name} is missing")
             copy.write_bytes(data)
         yield copies
+
+
+def _is_below(name: str) -> bool:
+    return not any(part in ("", ".", "..") or "\\" in part for part in name.split("/"))
 
 
 def _store_of(url: str) -> str | None:
@@ -135,6 +147,7 @@ def _opened(place: str, *, lazily: bool) -> xr.Dataset:
         return xr.open_zarr(
             _zarr_store(place),
             consolidated=True,
+            zarr_format=3,
             chunks={} if lazily else None,
             decode_cf=lazily,
             decode_timedelta=False,
@@ -143,19 +156,24 @@ def _opened(place: str, *, lazily: bool) -> xr.Dataset:
         raise RecordsError(
             f'{place}: reading needs the extra cluster: pip install "spallwatch[cluster]" ({error.name} is missing)'
         ) from None
-    except (OSError, ValueError, KeyError) as error:
-        raise RecordsError(f"{place}: cannot be read as a Zarr store: {error}") from None
+    except SpallwatchError as error:
+        raise RecordsError(str(error)) from None
+    except Exception as error:  # Of metadata that nothing here wrote, zarr and xarray raise anything.
+        raise RecordsError(f"{place}: cannot be read as a Zarr store: {type(error).__name__}: {error}") from None
 
 
 def _zarr_store(place: str) -> StoreLike:
-    if "://" not in place or place.startswith("file://"):
-        return open_store(place).url
-    from zarr.storage import FsspecStore
+    from zarr.storage import FsspecStore, LocalStore
 
     from models.work.filesystem import filesystem
+    from monitor.fleet.zarr_reader import WholeStore, chunk_sizes
 
+    files = open_store(place)
+    sizes = chunk_sizes(redact(place), files.read("zarr.json") or b"{}")
+    if "://" not in place or place.startswith("file://"):
+        return WholeStore(LocalStore(files.url, read_only=True), redact(place), sizes)
     system, path = filesystem(place, asynchronous=True)
-    return FsspecStore(system, read_only=True, path=path)
+    return WholeStore(FsspecStore(system, read_only=True, path=path), redact(place), sizes)
 
 
 def _row_of(raw: xr.Dataset, place: str, machine: str, recording: str) -> int:
@@ -179,6 +197,8 @@ def _of_machine(lazy: xr.Dataset, place: str, machine: str) -> xr.Dataset:
     if not table.size:
         _row_of(lazy, place, machine, "")
     first, size = (lazy[name].values[table] for name in ("first_row", "row_size"))
+    if np.any(first < 0) or np.any(size < 0) or np.any(size > lazy.sizes[ROW] - first):
+        raise RecordsError(f"{place}: the rows of {machine} are not among the {lazy.sizes[ROW]} that there are")
     rows = np.concatenate([np.arange(begin, begin + length) for begin, length in zip(first, size, strict=True)])
     contiguous = bool(rows.size) and int(rows[-1]) - int(rows[0]) + 1 == rows.size
     found = lazy.isel({ROW: slice(int(rows[0]), int(rows[-1]) + 1) if contiguous else rows, RECORDING: table})

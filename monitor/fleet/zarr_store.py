@@ -18,7 +18,7 @@ import netCDF4
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from zarr.codecs import BloscCodec, ZstdCodec
+from zarr.codecs import BloscCodec, Crc32cCodec, ZstdCodec
 from zarr.core.buffer import Buffer, default_buffer_prototype
 from zarr.storage import MemoryStore
 
@@ -260,14 +260,14 @@ def metadata_of(array: Array) -> bytes:
     """Return the metadata of an array, the content of its ``zarr.json``."""
     files: dict[str, Buffer] = {}
     text = array.dtype == TEXT
-    # A checksum finds torn files; Blosc sorts the bytes of numbers first, which halves them.
-    compressor = ZstdCodec(level=3, checksum=True) if text else BloscCodec(cname="zstd", clevel=3, shuffle="shuffle")
+    # Checksums find torn and changed files; Blosc sorts the bytes of numbers first, which halves them.
+    packed = BloscCodec(cname="zstd", clevel=3, shuffle="shuffle")
     zarr.create_array(
         MemoryStore(files),
         shape=array.shape,
         chunks=tuple(max(size, 1) for size in array.chunks),
         dtype=str if text else array.dtype,
-        compressors=compressor,
+        compressors=ZstdCodec(level=3, checksum=True) if text else [packed, Crc32cCodec()],
         fill_value=array.fill,
         attributes={key: _plain(value) for key, value in array.attributes.items()},
         dimension_names=array.dims,

@@ -387,3 +387,95 @@ def test_one_that_was_overtaken_does_not_complete_the_store(archive, tmp_path, s
     assert asked == [False, False]
     assert not (tmp_path / "a.zarr" / "zarr.json").exists()
     assert content(tmp_path / "a.zarr")
+
+
+def spoil(folder: Path, name: str, change) -> None:
+    """Change the metadata of an array, in its own file and in those of the whole."""
+    for path, places in (
+        (folder / name / "zarr.json", ()),
+        (folder / "zarr.json", ("consolidated_metadata", "metadata", name)),
+    ):
+        whole = json.loads(path.read_text())
+        part = whole
+        for place in places:
+            part = part[place]
+        change(part)
+        path.write_text(json.dumps(whole))
+
+
+LIES = {
+    "another shape": ("rms", {"shape": [10**15, 2]}, "chunks, expected at most"),
+    "a negative shape": ("rms", {"shape": [-1, 2]}, "shape"),
+    "a giant chunk": (
+        "rms",
+        {"chunk_grid": {"name": "regular", "configuration": {"chunk_shape": [10**9, 2]}}},
+        "bytes, expected at most",
+    ),
+    "another type": ("rms", {"data_type": "float32"}, "states 64 bytes, expected 32"),
+    "objects": ("rms", {"data_type": "object"}, "data type 'object'"),
+    "another codec": ("rms", {"codecs": [{"name": "numcodecs.pickle"}]}, "by numcodecs.pickle"),
+    "a list": ("rms", {"codecs": 7}, "TypeError"),
+    "fewer dimensions": ("rms", {"shape": [4]}, "zip"),
+}
+
+
+@pytest.mark.parametrize("kind", LIES)
+def test_metadata_that_lie_are_named_with_their_array(kind, read, tmp_path):
+    name, values, words = LIES[kind]
+    shutil.copytree(read / "records.zarr", tmp_path / "a.zarr")
+    spoil(tmp_path / "a.zarr", name, lambda part: part.update(values))
+    with pytest.raises(sw.SpallwatchError) as caught:
+        sw.open_archive(tmp_path / "a.zarr", machine="press").compute()
+    assert words in str(caught.value)
+    assert str(tmp_path / "a.zarr") in str(caught.value)
+
+
+def blosc_bomb(data: bytes) -> bytes:
+    return data[:4] + (2**31 - 17).to_bytes(4, "little") + data[8:]
+
+
+def zstd_bomb(data: bytes) -> bytes:
+    return b"\x28\xb5\x2f\xfd\xe0" + (2**40).to_bytes(8, "little") + data[9:]
+
+
+FILES = {
+    "missing numbers": ("rms/c.2.0", None, "rms/c.2.0 is missing; archive replay --resume"),
+    "missing texts": ("machine/c.0", None, "machine/c.0 is missing"),
+    "empty": ("rms/c.2.0", lambda data: b"", "states None bytes"),
+    "half": ("rms/c.2.0", lambda data: data[: len(data) // 2], "checksum"),
+    "a changed bit": ("rms/c.2.0", lambda data: data[:40] + bytes([data[40] ^ 1]) + data[41:], "checksum"),
+    "a bomb of numbers": ("rms/c.2.0", blosc_bomb, "states 2147483631 bytes, expected 64"),
+    "a bomb of texts": ("machine/c.0", zstd_bomb, "states 1099511627776 bytes, expected at most"),
+}
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_chunks_that_are_missing_changed_or_bombs_are_no_values(kind, read, tmp_path):
+    file, change, words = FILES[kind]
+    shutil.copytree(read / "records.zarr", tmp_path / "a.zarr")
+    path = tmp_path / "a.zarr" / file
+    data = path.read_bytes()
+    path.unlink()
+    if change is not None:
+        path.write_bytes(change(data))
+    with pytest.raises((sw.SpallwatchError, ValueError), match=words):
+        sw.open_archive(tmp_path / "a.zarr").compute()
+    with pytest.raises(sw.SpallwatchError, match=words):
+        sw.open_archive(tmp_path / "a.zarr", machine="press", recording="two")
+
+
+def test_a_table_that_names_rows_that_are_not_there_is_refused(archive, tmp_path, monkeypatch):
+    real = zarr_store._row
+    monkeypatch.setattr(zarr_store, "_row", lambda result, first: {**real(result, first), "row_size": 10**12})
+    write(archive, tmp_path / "a.zarr")
+    with pytest.raises(sw.SpallwatchError, match="the rows of press are not among the 12 that there are"):
+        sw.open_archive(tmp_path / "a.zarr", machine="press")
+
+
+def test_a_result_that_names_files_outside_is_refused(archive, tmp_path):
+    shutil.copytree(archive[0] / "fan", tmp_path / "fan")
+    result = json.loads((tmp_path / "fan/one/result.json").read_text())
+    result["files"][0]["name"] = "../../secret.nc"
+    (tmp_path / "fan/one/result.json").write_text(json.dumps(result))
+    with pytest.raises(sw.SpallwatchError, match="leads out of the archive"):
+        sw.open_archive(tmp_path, machine="fan", recording="one")
