@@ -88,8 +88,8 @@ def test_each_sentence_about_the_daemon_has_its_tests_and_its_figures() -> None:
     # Run anew, as quick effort shortens those of the modules that are loaded.
     modules = {file: runpy.run_path(str(ROOT / file)) for file in sorted({file for file, *_ in figures})}
     assert [figure for figure in figures if modules[figure[0]].get(figure[1]) != figure[2]] == []
-    page = "# A\n\n- **One** [of](b.md)\n  two. Three.\n\nSee [d](e). Keys:\n\n|k|\n|---|\n| `x` | 1 |\n"
-    assert list(sentences(page)) == ["One of two.", "Three.", "`x` | 1"]
+    page = "# A\n\n- **One** [of](b.md)\n  two. Three.\n\nSee [d](e). Keys:\n\nk | v\n---|---\n`x` | 1\n\nFour.\n"
+    assert list(sentences(page)) == ["One of two.", "Three.", "`x` | 1", "Four."]
 
 
 def test_every_key_of_the_configuration_is_described() -> None:

@@ -28,19 +28,19 @@ def sentences(text: str) -> Iterator[str]:
     nothing of the program.
     """
     text = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
-    text = re.sub(r"^(#.*|\|.*\n\|[-|]+\|)$", "", text, flags=re.MULTILINE)
-    for part in re.split(r"\n\s*\n|^(?=- |\|)", text, flags=re.MULTILINE):
-        plain = " ".join(re.sub(r"^[-|] |\|$", "", part.strip()).split()).replace("**", "")
-        said = [plain] if part.startswith("|") else re.split(r"(?<=[.?!]) (?=[A-Z`\[])", plain)
-        for sentence in said:
+    text = re.sub(r"^#.*$", "", text, flags=re.MULTILINE)
+    for part in re.split(r"\n\s*\n|^(?=- )", text, flags=re.MULTILINE):
+        rows = part.strip().split("\n---|")[1:]
+        plain = " ".join(part.strip().removeprefix("- ").split()).replace("**", "")
+        for sentence in rows[0].split("\n")[1:] if rows else re.split(r"(?<=[.?!]) (?=[A-Z`\[])", plain):
             if sentence and not sentence.endswith(":") and not sentence.startswith("See ["):
                 yield re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", sentence)
 
 
 def table(text: str, heading: str) -> dict[str, str]:
     """Return the first table below a heading: the other cells of each row by its first cell."""
-    rows = re.findall(r"^\| (.*?) \| (.*) \|$", text.partition(f"\n{heading}\n")[2].partition("\n#")[0], re.MULTILINE)
-    return dict(rows[1:])
+    rows = text.partition(f"\n{heading}\n")[2].partition("\n---|")[2].partition("\n\n")[0].split("\n")[1:]
+    return {first: others for first, _, others in (row.partition(" | ") for row in rows)}
 
 
 def missing_tests(names: Iterable[str]) -> list[str]:
