@@ -17,7 +17,7 @@ from models.words.errors import SpallwatchError
 from monitor.config.outputs import BrokerSection
 from monitor.records.database import StoreError
 from monitor.service.children import Worker
-from streams.link.mqtt import end_client, start_client
+from streams.link.mqtt_client import end_client, new_client, start_client
 
 _LOG = logging.getLogger(__name__)
 _MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
@@ -26,6 +26,7 @@ TIMEOUT_S = 10.0
 _KEEPALIVE = 15
 _IN_FLIGHT = 100
 _MAX_MESSAGES = 100
+_MAX_MESSAGE_BYTES = 1 << 16
 _MAX_SECRET_CHARACTERS = 4096
 
 
@@ -71,11 +72,6 @@ class BrokerLink:
         Raises:
             BrokerError: paho-mqtt is missing, or a certificate cannot be read.
         """
-        try:
-            from paho.mqtt.client import Client
-            from paho.mqtt.enums import CallbackAPIVersion
-        except ModuleNotFoundError:
-            raise BrokerError('mqtt needs paho-mqtt: pip install "spallwatch[mqtt]"') from None
         self._section, self._wake = section, wake
         self._where = f"mqtt {section.host}:{section.port}"
         self._state = threading.Condition()
@@ -83,7 +79,10 @@ class BrokerLink:
         self._lost: str | None = None
         self._confirmed: set[int] = set()
         self._messages: list[tuple[str, bytes]] = []
-        client = Client(CallbackAPIVersion.VERSION2, reconnect_on_failure=False)
+        try:
+            client = new_client(_MAX_MESSAGE_BYTES, reconnect_on_failure=False)
+        except ModuleNotFoundError:
+            raise BrokerError('mqtt needs paho-mqtt: pip install "spallwatch[mqtt]"') from None
         client.connect_timeout = TIMEOUT_S
         client.max_inflight_messages_set(_IN_FLIGHT)
         if section.username_file is not None:
@@ -180,6 +179,8 @@ class BrokerLink:
         self._wake()
 
     def _on_message(self, client: Any, userdata: Any, message: Any) -> None:
+        if len(message.payload) > _MAX_MESSAGE_BYTES:
+            return
         with self._state:
             self._messages = [*self._messages[1 - _MAX_MESSAGES :], (message.topic, message.payload)]
         self._wake()

@@ -97,6 +97,11 @@ class Arrivals:
         """Whether the limit of waiting bytes is reached."""
         return self._bytes >= self._max_waiting
 
+    def wait_for_room(self) -> None:
+        """Wait until the limit of waiting bytes is not reached, or this is closed."""
+        with self._lock:
+            self._lock.wait_for(lambda: self._closed or not self.full)
+
     def committed(self, stream: str) -> int:
         """Return the highest committed number of a stream, as its sender counts."""
         state = self._streams[stream]
@@ -209,6 +214,7 @@ class Arrivals:
                 self._accepted += 1
             else:
                 self._rejected += 1
+            self._lock.notify_all()
         return ticket
 
     @property

@@ -6,28 +6,22 @@ keeps its blocks until it reads their number there. docs/reference/wire.md has t
 
 from __future__ import annotations
 
-import contextlib
-import logging
 import re
-import ssl
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from streams.link.arrivals import Ticket
+from streams.link.mqtt_client import KEEPALIVE_S, connect_problem, end_client, make_client, start_client
 from streams.link.receiver import Receiver
 from streams.link.refusals import JUMP, LINK
 from streams.link.sender import LinkError
 from streams.link.wire import ACK, JumpError, WireError
 from streams.types.spec import Address, NetworkSpec, SourceError, SourceSpec
 
-_LOG = logging.getLogger(__name__)
 COMMITTED = "/committed"
 """Suffix of the topic with the number committed last."""
-_KEEPALIVE_S = 30
-_MAX_SECRET_BYTES = 4096
 
 
 @dataclass(frozen=True)
@@ -57,11 +51,15 @@ class MqttReceiver(Receiver):
             raise SourceError(f"{self._where}: several sources have the same topic")
         # The broker keeps the session under this id over restarts.
         self._client_id = self._network.client_id or "spallwatch-" + re.sub(r"[^A-Za-z0-9_.-]", "-", self.name)
-        self._client = make_client(self._address, self._network, self._client_id, self._where)
+        self._client = self._new_client()
         self._connection = 0
         self._connected = self._failed = False
         self._cause: str | None = None
         self._problem = f"{self.name}: not connected to the broker yet"
+
+    def _new_client(self) -> Any:
+        limit = self._network.max_frame
+        return make_client(self._address, self._network, self._client_id, self._where, max_payload_bytes=limit)
 
     def _start(self) -> None:
         """Connect in the background; an unreachable broker is tried again."""
@@ -71,8 +69,9 @@ class MqttReceiver(Receiver):
         client.on_disconnect = self._on_disconnect
         client.on_connect_fail = self._on_connect_fail
         client.on_message = self._on_message
-        client.reconnect_delay_set(min_delay=1, max_delay=10)
-        client.connect_async(self._address.host, self._address.port, _KEEPALIVE_S)
+        client.on_subscribe = self._on_subscribe
+        client.reconnect_delay_set(min_delay=1, max_delay=4)
+        client.connect_async(self._address.host, self._address.port, KEEPALIVE_S)
         start_client(client, self._set_cause)
         self._restarts.started()
 
@@ -96,7 +95,7 @@ class MqttReceiver(Receiver):
         if not self._restarts.due:
             return
         try:
-            self._client = make_client(self._address, self._network, self._client_id, self._where)
+            self._client = self._new_client()
             self._start()
             self._failed = False
         except (SourceError, RuntimeError) as error:
@@ -106,6 +105,8 @@ class MqttReceiver(Receiver):
         """Return why nothing is received, or why the last message was refused."""
         if self._failed:
             return self._restarts.problem() or f"{self.name}: the receiver has stopped: {self._restarts.cause}"
+        if self._arrivals.full:
+            return f"{self.name}: blocks come faster than they are committed"
         return super().problem()
 
     def _on_connect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
@@ -128,29 +129,45 @@ class MqttReceiver(Receiver):
             self._refused(f"connection to the broker lost: {reason}")
 
     def _on_connect_fail(self, client: Any, userdata: Any) -> None:
-        self._refused(f"no broker answers at {self._address.host}:{self._address.port}")
+        self._refused(connect_problem(self._address))
+
+    def _on_subscribe(self, client: Any, userdata: Any, mid: Any, reasons: Any, properties: Any) -> None:
+        if any(reason.is_failure for reason in reasons):
+            self._refused(f"the broker refuses the subscription of {' or '.join(self._arrivals.streams)}")
 
     def _on_message(self, client: Any, userdata: Any, message: Any) -> None:
-        topic = message.topic
-        if message.retain or topic not in self._arrivals.streams or len(message.payload) > self._network.max_frame:
-            if not message.retain:
-                self._refused(f"a message under {topic!a} of {len(message.payload)} bytes is not taken")
-            client.ack(message.mid, message.qos)
-            return
-        token = _Token(self._connection, message.mid) if message.qos else None
+        # Nothing is read until there is room: the broker keeps the rest, and what came without QoS its sender repeats.
+        self._arrivals.wait_for_room()
+        topic: str | None = None
         try:
-            taken = self._arrivals.take(topic, message.payload, token, self._network.max_frame)
-            self._problem = None
-            if not taken:
-                # The broker lost the one before; both stay uncommitted, and the sender repeats them.
-                client.ack(message.mid, message.qos)
-            self._acknowledge(self._arrivals.spent(topic))
+            topic = str(message.topic)
+            self._take(client, topic, message)
         except WireError as error:
             self._refused(f"{topic}: {error}", JUMP if isinstance(error, JumpError) else LINK, topic)
+            client.ack(message.mid, message.qos)
+        except UnicodeDecodeError:
+            self._refused("a message under a topic that is not UTF-8 is not taken")
             client.ack(message.mid, message.qos)
         except Exception as error:  # A fault of one message must not end the connection; its sender repeats it.
             self._fault(f"a message under {topic!a} cannot be taken", error)
             client.ack(message.mid, message.qos)
+
+    def _take(self, client: Any, topic: str, message: Any) -> None:
+        limit = self._network.max_frame
+        if message.retain:
+            client.ack(message.mid, message.qos)
+            return
+        if topic not in self._arrivals.streams:
+            raise WireError("a message under a topic that is not subscribed")
+        if len(message.payload) > limit:
+            raise WireError(f"a message of more than max_frame = {limit} bytes is not taken")
+        token = _Token(self._connection, message.mid) if message.qos else None
+        taken = self._arrivals.take(topic, message.payload, token, limit)
+        self._problem = None
+        if not taken:
+            # The broker lost the one before; both stay uncommitted, and the sender repeats them.
+            client.ack(message.mid, message.qos)
+        self._acknowledge(self._arrivals.spent(topic))
 
     def _confirm(self, ticket: Ticket) -> None:
         self._acknowledge(ticket.tokens)
@@ -174,75 +191,6 @@ class MqttReceiver(Receiver):
         end_client(self._client)
 
 
-def make_client(address: Address, network: NetworkSpec, name: str, where: str, *, keep: bool = True) -> Any:
-    """Return a paho client of an id with its credentials, not connected yet.
-
-    ``where`` is the key or option named in a message; with ``keep`` the broker keeps the session.
-
-    Raises:
-        SourceError: paho-mqtt is missing, or a file cannot be read; no secret is in the message.
-    """
-    try:
-        from paho.mqtt.client import Client, MQTTv311
-        from paho.mqtt.enums import CallbackAPIVersion
-    except ModuleNotFoundError:
-        raise SourceError(f'{where}: mqtt:// needs paho-mqtt: pip install "spallwatch[mqtt]"') from None
-    client = Client(CallbackAPIVersion.VERSION2, client_id=name, clean_session=not keep, protocol=MQTTv311)
-    if network.username_file is not None:
-        password = None if network.password_file is None else _secret(network.password_file, where)
-        client.username_pw_set(_secret(network.username_file, where), password)
-    if network.ca_file is not None:
-        try:
-            context = ssl.create_default_context(cafile=str(network.ca_file))
-            if network.cert_file is not None and network.key_file is not None:
-                context.load_cert_chain(str(network.cert_file), str(network.key_file))
-        except (OSError, ssl.SSLError) as error:
-            raise SourceError(f"{where}: ca_file, cert_file or key_file cannot be used: {error}") from None
-        client.tls_set_context(context)
-    return client
-
-
-def _secret(path: Path, where: str) -> str:
-    """Return the first line of a file."""
-    try:
-        with path.open(encoding="utf-8") as file:
-            line = file.readline(_MAX_SECRET_BYTES).rstrip("\r\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SourceError(f"{where}: {path} cannot be read: {type(error).__name__}") from None
-    if not line:
-        raise SourceError(f"{where}: the first line of {path} is empty")
-    return line
-
-
-def start_client(client: Any, ended: Callable[[str], None]) -> None:
-    """Start the thread of a paho client; ``ended`` is called in it with the cause where an exception ends it."""
-
-    def work() -> None:
-        try:
-            client.loop_forever(retry_first_connection=True)
-        except Exception as error:  # paho would leave the client as if it were connected.
-            _LOG.exception("the connection to a broker ended")
-            ended(f"{type(error).__name__}: {error}")
-        finally:
-            client._thread = None
-
-    client._thread_main = work
-    client.loop_start()
-
-
-def end_client(client: Any) -> None:
-    """Disconnect a paho client, end its thread, and close the two sockets by which that was woken.
-
-    paho closes them in a finalizer. The client is part of a cycle with its callbacks, so the garbage collector may come
-    to the sockets first.
-    """
-    with contextlib.suppress(OSError, ValueError, RuntimeError):
-        client.disconnect()
-    with contextlib.suppress(OSError, ValueError, RuntimeError):
-        client.loop_stop()
-    client._reset_sockets()
-
-
 class MqttLink:
     """The :class:`streams.link.sender.Link` to a receiver behind a broker.
 
@@ -263,7 +211,7 @@ class MqttLink:
 
     def _new_client(self) -> Any:
         # The broker keeps no session, so the id may be new each time.
-        client = make_client(self._address, self._network, "", "--to", keep=False)
+        client = make_client(self._address, self._network, "", "--to", keep=False, max_payload_bytes=ACK.size)
         client.on_connect = self._on_connect
         client.on_disconnect = self._on_disconnect
         client.on_message = self._on_message
@@ -295,7 +243,7 @@ class MqttLink:
         self._client = self._new_client()
         self._state, self._latest, self._fresh = "", None, False
         try:
-            self._client.connect(self._address.host, self._address.port, _KEEPALIVE_S)
+            self._client.connect(self._address.host, self._address.port, KEEPALIVE_S)
         except (OSError, ValueError) as error:
             raise LinkError(f"{self._address.host}:{self._address.port}: {error}") from None
         self._client.loop_start()

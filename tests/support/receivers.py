@@ -6,6 +6,7 @@ import base64
 import email
 import email.policy
 import http.server
+import ipaddress
 import json
 import socketserver
 import ssl
@@ -14,14 +15,19 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
 from email.message import EmailMessage
 from pathlib import Path
 from typing import Any
 
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from streams.link.mqtt import end_client
+from streams.link.mqtt_client import end_client
 from tests.support.waiting import PATIENCE_S
 
 
@@ -40,14 +46,30 @@ class Certificate:
         return context
 
 
-def make_certificate(folder: Path, name: str = "right", subject: str = "IP:127.0.0.1") -> Certificate:
+def make_certificate(
+    folder: Path, name: str = "right", subject: str = "IP:127.0.0.1", *, expired: bool = False
+) -> Certificate:
     """Make a certificate for a name or an address."""
     found = Certificate(folder / f"{name}.pem", folder / f"{name}.key")
+    if expired:
+        _make_expired(found)
+        return found
     command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
     command += ["-days", "2", "-subj", f"/CN={name}", "-addext", f"subjectAltName={subject}"]
     command += ["-keyout", str(found.key), "-out", str(found.cert)]
     subprocess.run(command, check=True, capture_output=True)
     return found
+
+
+def _make_expired(certificate: Certificate) -> None:
+    """Write one of this computer that ended yesterday, which the command does not make."""
+    key, name = ec.generate_private_key(ec.SECP256R1()), x509.Name([])
+    now = datetime.now(UTC)
+    made = x509.CertificateBuilder(name, name, key.public_key(), 1, now - timedelta(9), now - timedelta(1))
+    address = x509.SubjectAlternativeName([x509.IPAddress(ipaddress.ip_address("127.0.0.1"))])
+    made = made.add_extension(address, critical=True).add_extension(x509.BasicConstraints(True, None), critical=True)
+    certificate.cert.write_bytes(made.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM))
+    certificate.key.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
 
 
 class _Server(socketserver.ThreadingTCPServer):

@@ -45,6 +45,8 @@ STATE = "sparkplug.json"
 _NAMESPACE = "spBv1.0"
 _MAX_ROWS = 100
 _POLL_S = 1.0
+_MIN_LOOK_S = 0.02
+_MIN_REBIRTH_S = 2.0
 _CONFIRM_S = 5.0
 _LEFT_OUT = ("updated_utc",)
 """Points that change at each look."""
@@ -229,13 +231,16 @@ class Sparkplug(Sessions):
         newest = newest_id(store)
         snapshot = self._snapshots.read()
         _send(link, node.births(snapshot))
+        born, asked = time.monotonic(), False
         self._send_history(link, node, store, newest)
         while True:
             with self._wake:
                 self._news, ending = False, self._ending
             link.check()
-            if any(node.asks_rebirth(content) for _, content in link.take_messages()):
+            asked = any(node.asks_rebirth(content) for _, content in link.take_messages()) or asked
+            if asked and time.monotonic() - born >= _MIN_REBIRTH_S:
                 _send(link, node.births(snapshot))
+                born, asked = time.monotonic(), False
             found = list(records_after(store, self._machine, self._place, _MAX_ROWS))
             for number, record in found:
                 snapshot = replace(snapshot, records={**snapshot.records, record.source: record})
@@ -248,7 +253,9 @@ class Sparkplug(Sessions):
             if ending:
                 return
             with self._wake:
-                self._wake.wait_for(lambda: self._news or self._ending, _POLL_S)
+                # Commands in any number wake it, each look reads the store.
+                self._wake.wait_for(lambda: self._ending, _MIN_LOOK_S)
+                self._wake.wait_for(lambda: self._news or self._ending, _MIN_REBIRTH_S / 10 if asked else _POLL_S)
 
     def _send_history(self, link: BrokerLink, node: _Node, store: SharedConnection, newest: int) -> None:
         """Send the records after the position that came before the births, at the configured rate."""

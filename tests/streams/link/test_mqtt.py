@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from streams.link.mqtt import COMMITTED, MqttLink, MqttReceiver, end_client, make_client
+from streams.link.mqtt import COMMITTED, MqttLink, MqttReceiver
+from streams.link.mqtt_client import end_client, make_client
 from streams.link.pulse_frame import block_frames
 from streams.link.sender import Sender, SendError
 from streams.link.wire import ACK, block_frame, encode_frame

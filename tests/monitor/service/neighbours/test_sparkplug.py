@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,8 @@ from monitor.config.load import ConfigError
 from monitor.config.outputs import SparkplugSection
 from monitor.service.broker import BrokerLink
 from monitor.service.neighbours.points import MachineSnapshot, channels_of
-from monitor.service.neighbours.sparkplug import Metric, Payloads, Sparkplug, _Node
-from streams.link.mqtt import end_client
+from monitor.service.neighbours.sparkplug import _MIN_REBIRTH_S, REBIRTH, Metric, Payloads, Sparkplug, _Node
+from streams.link.mqtt_client import end_client
 from tests.monitor.service.neighbours.machines import STATUS, Machine
 from tests.support.broker import Broker
 from tests.support.proxy import Proxy
@@ -178,6 +179,51 @@ def test_after_a_cut_the_death_comes_then_births_and_what_was_missed(
     assert [found["block"] for found in values] == [2, 3]
     assert [found["rms_g"] for found in values] == pytest.approx([2.0, 3.0])
     assert "state" not in values[0]
+
+
+WRONG_COMMANDS = (
+    b"",
+    b"\xff\xff",
+    b"\x0b" * 10_000,
+    b"\x12\x05\x0a\x03\xff\xfe\xfd",
+    rebirth_command()[:-1],
+    rebirth_command().replace(b"Rebirth", b"Reboots"),
+    # A rebirth that is false, one that is a number, an alias that is not known, and another metric of 1970.
+    Payloads().encode([Metric(REBIRTH, None, "flag", False, 0)], 0),
+    Payloads().encode([Metric(REBIRTH, None, "int", 1, 0)], 0),
+    Payloads().encode([Metric(None, 2**63, "flag", True, 0)], 0),
+    Payloads().encode([Metric("x" * 60_000, 1, "text", "y" * 60_000, 0)], 0, 255),
+    rebirth_command() + bytes(1 << 20),
+)
+
+
+@pytest.mark.broker
+def test_wrong_commands_lead_to_no_births_and_a_storm_of_right_ones_to_few(tmp_path: Path, machine: Machine) -> None:
+    machine.add()
+    with Broker(tmp_path / "broker") as broker, host(broker.port) as (client, heard):
+
+        def births() -> int:
+            return [kind for kind, _, _ in heard].count("NBIRTH")
+
+        with publishing(machine, broker.port) as node:
+            wait_until(lambda: len(heard) == 3)
+            for wrong in WRONG_COMMANDS:
+                client.publish("spBv1.0/plant/NCMD/pump", wrong)
+            time.sleep(1.5 * _MIN_REBIRTH_S)
+            assert births() == 1
+            begin = time.monotonic()
+            sent = [client.publish("spBv1.0/plant/NCMD/pump", rebirth_command(), qos=1) for _ in range(500)]
+            machine.add()
+            node.changed()
+            wait_until(lambda: any(kind == "DDATA" for kind, _, _ in heard), lambda: len(heard))
+            wait_until(lambda: all(info.is_published() for info in sent))
+            time.sleep(1.5 * _MIN_REBIRTH_S)
+            during = births()
+            assert 2 <= during <= 3 + (time.monotonic() - begin) / _MIN_REBIRTH_S
+            client.publish("spBv1.0/plant/NCMD/pump", rebirth_command())
+            wait_until(lambda: births() == during + 1)
+            assert node.problem is None
+    check_numbers(heard)
 
 
 def test_numbers_of_messages_begin_anew_after_255(machine: Machine) -> None:
