@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from streams.files.keys import ATTENUATIONS, GAINS, KEYS, LEVEL_UNITS, MULTIPLIERS
+from streams.files.keys import ATTENUATIONS, GAINS, KEYS, LEVEL_UNITS, LEVELS, LOADS, MULTIPLIERS, SCALES, SPEEDS
 from streams.files.statements import (
     Facts,
     StatedNumber,
@@ -21,6 +21,7 @@ from streams.files.statements import (
 )
 from streams.types.samples import OpenGain, ReaderError, Sensitivity
 
+_OTHERS = frozenset((*SPEEDS, *LOADS, *LEVELS, *SCALES, *GAINS, *MULTIPLIERS, *ATTENUATIONS))
 _NEUTRAL = ("", "-", "none", "off", "no", "n/a", "unity", "applied", "1:1", "auto")
 REMEDY = "; name what is not to be believed in [[source]] disregard"
 """Behind a refusal of statements that contradict each other."""
@@ -67,16 +68,18 @@ class Circumstances:
     have been multiplied by, in words.
     """
 
-    speed: float | None
-    load: float | None
-    sensitivity: Sensitivity | None
-    count: float | None
+    speed: float | None = None
+    load: float | None = None
+    sensitivity: Sensitivity | None = None
+    count: float | None = None
     gain: OpenGain | None = None
     multiplier: str = ""
 
 
 def circumstances_of(facts: Facts, where: str) -> Circumstances:
     """Judge speed, load and sensitivity among named values; ReaderError as :func:`judge_number`."""
+    if not any(named(facts, _OTHERS)):
+        return Circumstances()
     gain, multiplier = _factor_words(facts, GAINS), _factor_words(facts, MULTIPLIERS)
     if not gain[1]:
         divider = _factor_words(facts, ATTENUATIONS)

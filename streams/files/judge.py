@@ -342,7 +342,7 @@ def judged(
         own = [*rate_statements(facts, at), *([] if row.rate is None else [row.rate])]
         # Within the row first: its own contradiction names it.
         judge_rate(own, at)
-        rates += [replace(one, place=one.place + inside) for one in own]
+        rates += [replace(one, place=one.place + inside) for one in own] if inside else own
         starts += [replace(one, place=one.place + inside) for one in dated(facts, zone)]
         units.append(_unit_of(facts, row.short, at))
         beside.append(circumstances_of(facts, at))

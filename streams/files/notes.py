@@ -42,8 +42,9 @@ def note_of(root: Path, path: str) -> tuple[str, dict[str, object]] | None:
     stem, ending = _stem_of(path)
     if ending not in _SILENT_ENDINGS:
         return None
+    top = str(root)
     for name in [f"{base}{note}" for base in (stem, path) for note in NOTE_ENDINGS]:
-        if os.path.lexists(f"{root}/{name}"):
+        if os.path.lexists(f"{top}/{name}"):
             raw = read_guarded(root, name, max_bytes=_MAX_BYTES)
             facts = head_of([decoded(line).strip() for line in raw.splitlines()]).facts
             words = [key.partition("#")[0] for key in facts]

@@ -44,6 +44,7 @@ from streams.files.keys import (
     SPEED_UNITS,
     SPEEDS,
     STARTS,
+    TIME_KEYS,
     UNIT_KEYS,
     UNITS,
 )
@@ -53,6 +54,8 @@ from streams.types.spellings import in_signs
 from streams.types.stamps import CLOCK, DATE, Stamp, read_stamp
 
 Facts = Mapping[str, object]
+_CLOCKS, _DATES, _DECIMATIONS, _STARTS, _UNIT_KEYS = map(frozenset, (CLOCKS, DATES, DECIMATIONS, STARTS, UNIT_KEYS))
+_MOMENTS = frozenset((*STARTS, *MOMENTS))
 _LEAST_HZ = 50.0
 """Least rate of vibration of bearings."""
 STORED = "stored as"
@@ -92,6 +95,7 @@ def plain_unit(text: str) -> str:
 _LETTERS = str.maketrans({"Δ": "delta", "µ": "u", "μ": "u", "ł": "l", "Ł": "l", "ø": "o", "ı": "i"})
 
 
+@lru_cache(maxsize=4096)
 def plain_key(key: str) -> str:
     """Return letters and digits in lower case, without accents: ``samplingratehz``; those of Japanese as they are."""
     if not key.isascii():
@@ -244,22 +248,21 @@ def rate_statements(facts: Facts, where: str) -> list[StatedNumber]:
         # A unit beside the number is nearer than one in its key.
         direct = number_in(value, place, {**own, "": factor}, comma=comma)
         stated = direct or number_in(value, place, {unit: scale for unit, scale in other.items() if unit})
-        has_unit = direct is not None and number_in(value, place, {"": 1.0}, comma=comma) is None
-        if direct is not None and has_unit and direct.readings[0] < _LEAST_HZ and kind == "rate":
+        is_plain = direct is not None and number_in(value, place, {"": 1.0}, comma=comma) is not None
+        if direct is not None and not is_plain and direct.readings[0] < _LEAST_HZ and kind == "rate":
             # ``12.800 Hz`` is no rate of vibration where the point is decimal.
             stated = direct = number_in(value, place, {**own, "": factor}, comma=True)
         if stated is None or not all(1e-300 < number < 1e300 for number in stated.readings):
             shown = str(value)[:40]
             raise ReaderError("wrong_rate", f"{where}: expected a positive number in {place}, found {shown!r}")
         stated = stated if (kind == "rate") == (stated is direct) else _inverse(stated)
-        is_plain = direct is not None and number_in(value, place, {"": 1.0}, comma=comma) is not None
         found.append(_opened(stated, kind) if is_plain and key in PLAIN_RATES else stated)
     return [_undivided(stated, facts) for stated in found]
 
 
 def _undivided(stated: StatedNumber, facts: Facts) -> StatedNumber:
     """Return a rate with those that it is by a stated decimation: before it, and behind."""
-    for _, place, value in named(facts, frozenset(DECIMATIONS)):
+    for _, place, value in named(facts, _DECIMATIONS):
         divider = number_in(value, place, {"": 1.0, "x": 1.0})
         if divider is not None and divider.readings[0] > 1.0:
             readings = (*stated.readings, *(rate / divider.readings[0] for rate in stated.readings))
@@ -293,7 +296,7 @@ def nice_rate(rate: float, tolerance: float) -> float:
 
 def unit_statements(facts: Facts) -> list[tuple[str, str]]:
     """Return the units among named values, as :func:`known_unit` gives them, each with its place."""
-    found = ((place, _unit_in(value)) for _, place, value in named(facts, frozenset(UNIT_KEYS)))
+    found = ((place, _unit_in(value)) for _, place, value in named(facts, _UNIT_KEYS))
     return [(place, unit) for place, unit in found if unit is not None]
 
 
@@ -348,23 +351,25 @@ def time_statements(facts: Facts, zone: str) -> list[tuple[str, Stamp]]:
     Date and time of day may be values of their own. A day alone counts where nothing else is stated and the key says
     that it is the start. ``zone`` is the IANA name of the zone of a stamp that names none.
     """
+    if not any(named(facts, TIME_KEYS)):
+        return []
     found = [
         (place, stamp)
-        for _, place, value in named(facts, frozenset((*STARTS, *MOMENTS)))
+        for _, place, value in named(facts, _MOMENTS)
         if not is_date(value) and (stamp := read_stamp(value, zone)) is not None
     ]
     found += _joined_stamps(facts, zone)
     return found or [
         (place, stamp)
-        for _, place, value in named(facts, frozenset(STARTS))
+        for _, place, value in named(facts, _STARTS)
         if is_date(value) and (stamp := read_stamp(value, zone)) is not None
     ]
 
 
 def _joined_stamps(facts: Facts, zone: str) -> list[tuple[str, Stamp]]:
     """Return the stamps of dates and times of day under keys of their own."""
-    dates = [(place, str(value).strip()) for _, place, value in named(facts, frozenset(DATES)) if is_date(value)]
-    clocks = [(place, str(value).strip()) for _, place, value in named(facts, frozenset(CLOCKS))]
+    dates = [(place, str(value).strip()) for _, place, value in named(facts, _DATES) if is_date(value)]
+    clocks = [(place, str(value).strip()) for _, place, value in named(facts, _CLOCKS)]
     clocks = [(place, text) for place, text in clocks if CLOCK.fullmatch(text)]
     both = [
         (f"{place} and {other}", read_stamp(f"{date} {clock}", zone))

@@ -19,10 +19,11 @@ def cut_footer(text: bytes, zone: str) -> tuple[bytes, list[str]]:
     ``zone`` is the IANA name of that of stamps in rows.
     """
     begin = max(0, len(text) - _MAX_BYTES)
-    lines = text[begin:].rstrip().split(b"\n")
-    last = lines[-1].strip()
+    tail = text[begin:].rstrip()
+    last = tail[tail.rfind(b"\n") + 1 :].strip()
     if not last or is_row(last, zone):
         return text, []
+    lines = tail.split(b"\n")
     place = len(lines)
     while place > 1 and len(lines) - place < _MAX_LINES and not is_row(lines[place - 1], zone):
         place -= 1
@@ -54,14 +55,13 @@ def without_spectrum(body: bytes, head: Head) -> bytes:
     names = head.names
     first = first_line_of(body).rstrip(b"\r ")
     sign = next((sign for sign in (b";", b"\t", b",") if sign in first), b"")
-    rows = body.rstrip(b"\r\n ").split(b"\n")
-    last = rows[-1].rstrip(b"\r ")
+    last = body[max(0, len(body) - _MAX_BYTES) :].rstrip(b"\r\n ")
     count = len(last) - len(last.rstrip(sign)) if sign else 0
     if not count or names is None or len(names) != first.count(sign) + 1 or count >= len(names):
         return body
     if abscissa_called(names[-count], "").kind != "frequency":
         return body
-    parts = [row.rstrip(b"\r ").rsplit(sign, count) for row in rows]
+    parts = [row.rstrip(b"\r ").rsplit(sign, count) for row in body.rstrip(b"\r\n ").split(b"\n")]
     filled = [len(part) == count + 1 and all(part[1:]) for part in parts]
     empty = [len(part) == count + 1 and not any(part[1:]) for part in parts]
     shorter = sum(filled)

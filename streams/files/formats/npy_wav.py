@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from streams.files.parse.child import isolated
 from streams.files.parse.complete import npy_header, plain_npy_header
-from streams.files.parse.riff import end_of_samples, wav_sizes
+from streams.files.parse.riff import WavSizes, end_of_samples, wav_sizes
 from streams.files.parse.worker import check_claim, from_disk
 from streams.types import large
 from streams.types.large import Data, FileBytes, elementwise, empty_rows, forget_pages, stream_of
@@ -92,7 +92,8 @@ def read_wav(data: Data, name: str) -> Samples:
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
-    _check_sizes(data, name)
+    sizes = wav_sizes(data)
+    _check_sizes(sizes, data, name)
     try:
         with stream_of(data) as stream, soundfile.SoundFile(stream) as sound:
             dtype: Literal["float32", "float64"] = "float32" if sound.subtype in _EXACT_IN_FLOAT32 else "float64"
@@ -100,7 +101,7 @@ def read_wav(data: Data, name: str) -> Samples:
             if sound.frames >= _UNKNOWN_FRAMES:
                 reason = "the header does not state how many samples there are, as that of a stream; encode it again"
                 raise ReaderError("incomplete", f"{name}: {reason}")
-            open_frames = _open_frames(data, sound, name)
+            open_frames = _open_frames(sizes, data, sound, name)
             frames = sound.frames if open_frames is None else min(sound.frames, open_frames)
             check_claim(frames * sound.channels * np.dtype(dtype).itemsize, len(data), name)
             check_rows(sound.channels, name, "channels")
@@ -125,22 +126,25 @@ def _sound_rows(
     step = max(1, large.PIECE_BYTES // (sound.channels * rows.dtype.itemsize))
     place = 0
     while place < frames:
-        part = sound.read(min(step, frames - place), dtype=dtype, always_2d=True)
+        target = rows[:, place : place + step].T
+        # One channel is read to its place.
+        out = target if sound.channels == 1 else None
+        part = sound.read(len(target), dtype=dtype, always_2d=True, out=out)
         if not len(part):
             break
-        rows[:, place : place + len(part)] = part.T
+        if out is None:
+            target[: len(part)] = part
         forget_pages(rows)
         place += len(part)
     return rows, place
 
 
-def _open_frames(data: Data, sound: soundfile.SoundFile, name: str) -> int | None:
+def _open_frames(sizes: WavSizes | None, data: Data, sound: soundfile.SoundFile, name: str) -> int | None:
     """Return the number of frames of a WAV file whose header leaves it open, None for another file.
 
     Raises:
         ReaderError: ``incomplete`` where the file breaks off, or was never closed; ``unreadable``.
     """
-    sizes = wav_sizes(data)
     if sizes is None or sizes.begin is None or sizes.samples is not None:
         return None
     width = _SAMPLE_BYTES.get(sound.subtype)
@@ -151,9 +155,8 @@ def _open_frames(data: Data, sound: soundfile.SoundFile, name: str) -> int | Non
     return (end_of_samples(data, sizes.begin) - sizes.begin) // (width * sound.channels)
 
 
-def _check_sizes(data: Data, name: str) -> None:
+def _check_sizes(sizes: WavSizes | None, data: Data, name: str) -> None:
     """Compare the data chunk with the file; libsndfile silently shortens it."""
-    sizes = wav_sizes(data)
     if sizes is None or (sizes.begin is not None and sizes.samples is None):
         return
     if sizes.begin is None or sizes.samples is None:

@@ -79,10 +79,10 @@ def plain_numbers(body: bytes) -> bytes:
         inner = any(b"," in part for part in re.findall(rb'"([^"\n]*)"', body))
         body = re.sub(rb'"[^"\n]*"|,', _unquoted, body) if inner else body.replace(b'"', b"")
         first = first_line_of(body)
-    text = body.rstrip(b"\r\n ")
     bare = first.rstrip(b"\r ")
     sign = next((sign for sign in (b";", b",", b"\t") if bare.endswith(sign)), b"")
     if sign:
+        text = body.rstrip(b"\r\n ")
         # Columns of which only the head has something: as many as are empty in all rows.
         for length in range(len(bare) - len(bare.rstrip(sign)), 0, -1):
             behind = sign * length

@@ -7,6 +7,7 @@ import struct
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from functools import cache
 from importlib import import_module
 from typing import Any
 
@@ -84,9 +85,14 @@ def read_tdms(
     for row, length, title in zip(rows, lengths, titles, strict=True):
         if len(row) != length:
             raise ReaderError("incomplete", f"{name}: channel {title[1]}: {length} samples promised, {len(row)} there")
+    shared: list[Facts] = []
+    for row, facts in zip(rows, properties, strict=True):
+        told = {**facts, STORED: stored_as(row.dtype)}
+        # Neighbours of which the same is stated share it, and are judged once.
+        shared.append(shared[-1] if shared and shared[-1] == told else told)
     stated = [
-        StatedRow(values, f"{group}/{title}", title, {**facts, STORED: stored_as(row.dtype)})
-        for row, values, (group, title), facts in zip(rows, _exact(rows), titles, properties, strict=True)
+        StatedRow(values, f"{group}/{title}", title, facts)
+        for values, (group, title), facts in zip(_exact(rows), titles, shared, strict=True)
     ]
 
     def joined(rows: Sequence[StatedRow]) -> Samples:
@@ -144,7 +150,11 @@ def _values(channel: Any) -> NDArray[Any]:
     """Return the scaled values of a channel; many of them are read piece by piece, and are on disk."""
     length = len(channel)
     if 8 * length < large.MAX_IN_MEMORY:
-        return _part(channel, 0, length)
+        if not length or np.dtype(channel.dtype).kind == "V":
+            return _part(channel, 0, length)
+        # A slice of the channel would be copied once more.
+        chunks = [np.asarray(chunk[:]) for chunk in channel.data_chunks()]
+        return chunks[0] if len(chunks) == 1 else np.concatenate(chunks)
     step = max(1, large.PIECE_BYTES // 8)
     first = _part(channel, 0, step)
     found = empty_rows((length,), first.dtype)
@@ -186,9 +196,14 @@ def _properties_of(channels: Sequence[Any], file: Any) -> list[dict[str, object]
 
 def _nptdms() -> Any:
     nptdms = library("nptdms", "tdms", "TDMS files need")
-    # On a string that it cannot decode it logs the bytes of the file.
-    import_module("nptdms.log").log_manager.set_level(60)
+    _silence()
     return nptdms
+
+
+@cache
+def _silence() -> None:
+    """Silence the log of nptdms once: on a string that it cannot decode it logs the bytes of the file."""
+    import_module("nptdms.log").log_manager.set_level(60)
 
 
 def _check_segments(data: Data, name: str) -> None:

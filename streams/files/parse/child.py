@@ -29,7 +29,7 @@ from models.platform.process_signals import child_path
 from models.words.errors import SpallwatchError
 from streams.files.parse.worker import read_all, read_into, write_all
 from streams.turns.pulses import Pulses
-from streams.types.large import Data, FileBytes, NoRoomError, mapped_array
+from streams.types.large import Data, FileBytes, NoRoomError, mapped_array, write_whole
 from streams.types.limits import MAX_BYTES, ChildLimits
 from streams.types.samples import OpenGain, ReaderError, Samples, Sensitivity, one_after_another
 
@@ -69,14 +69,15 @@ _ENVIRONMENT = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Pipes:
-    """What this process shares with a child: pipes to it and from it, and two files."""
+    """What this process shares with a child: pipes to it and from it, two files, and one on disk for large samples."""
 
     requests: int
     answers: PipeReader
     input: MemoryFile
     output: MemoryFile
+    disk: DiskFile | None = None
 
     def hang_up(self) -> None:
         """Close the pipes; the child ends by that."""
@@ -87,6 +88,13 @@ class _Pipes:
         """Close the files."""
         self.input.close()
         self.output.close()
+        self.drop_disk()
+
+    def drop_disk(self) -> None:
+        """Close the file on disk."""
+        if self.disk is not None:
+            self.disk.close()
+        self.disk = None
 
 
 class ReaderProcess(AbstractContextManager["ReaderProcess"]):
@@ -103,12 +111,14 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
 
         ``slow`` is called in the thread of a call that takes longer than ``SLOW_S``, libraries not counted. One that
         ``remembers`` gives the samples of its latest call again, read-only, where all bytes and arguments are the same:
-        who opens a recording looks at its first file before the samples are wanted.
+        opening a recording looks at its first file before the samples are wanted. Behind a file that was asked for once
+        none is remembered before a name comes twice: a pass over many files holds one of them.
         """
         self._limits = limits or ChildLimits()
         self._slow = slow
         self._remembers = remembers
         self._latest: tuple[Callable[..., Any], Data, str, tuple[Any, ...], Samples] | None = None
+        self._asked_once: str | None = None
         _all.add(self)
         self._lock = threading.Lock()
         self._process: subprocess.Popen[bytes] | None = None
@@ -147,28 +157,18 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             "cpu_s": self._limits.cpu_s_for(len(data)),
             "path": data.path if isinstance(data, FileBytes) else None,
         }
-        with self._lock, ExitStack() as undo:
+        with self._lock:
             latest, self._latest = self._latest, None
             if latest is not None and latest[:4] == (function, data, name, arguments):
-                self._latest = latest
+                self._latest, self._asked_once = latest, None
                 return latest[4]
             # Its memory serves the next one.
-            latest = disk = None
-            if len(data) >= _MIN_DISK_BYTES:
-                # A file whose samples need the temporary folder fails in the child, with the reason.
-                with suppress(OSError):
-                    disk = DiskFile()
-                    undo.callback(disk.close)
-                    request["disk"] = disk.path
+            latest, once = None, self._asked_once
+            self._asked_once = None if name == once else name
             try:
-                answer = self._ask(request, data)
-                if "no_room" in answer:
-                    raise NoRoomError(int(answer["no_room"]), str(answer["reason"]))
-                found = self._result(answer, disk)
-                if answer.get("on_disk"):
-                    undo.pop_all()
+                found = self._result(self._ask(request, data))
                 self._shrink()
-                if self._remembers and isinstance(found, Samples) and isinstance(data, bytes):
+                if self._remembers and once in (None, name) and isinstance(found, Samples) and isinstance(data, bytes):
                     self._remember(function, data, name, arguments, found)
                 return found
             except _DiedError as error:
@@ -220,12 +220,15 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         pipes = self._start() if self._process is None or self._pipes is None else self._pipes
         self._files += 1
         answers = pipes.answers
+        if len(data) >= _MIN_DISK_BYTES:
+            # A file whose samples need the temporary folder fails in the child, with the reason.
+            with suppress(OSError):
+                pipes.disk = pipes.disk or DiskFile()
+                request["disk"] = pipes.disk.path
         if not isinstance(data, FileBytes):
             write_all(pipes.input.handle, data)
         try:
-            view = memoryview(json.dumps(request).encode() + b"\n")
-            while view:
-                view = view[os.write(pipes.requests, view) :]
+            write_whole(pipes.requests, json.dumps(request).encode() + b"\n")
         except BrokenPipeError as error:
             raise _DiedError(self._cause(request)) from error
         self._line(answers, self._limits.start_s, request, one=True)
@@ -248,7 +251,12 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
                 raise _DiedError("gave an answer without end")
         return line
 
-    def _result(self, answer: dict[str, Any], disk: DiskFile | None = None) -> Any:
+    def _result(self, answer: dict[str, Any]) -> Any:
+        if self._pipes is None:
+            raise ValueError("the reader process is closed")
+        if "no_room" in answer:
+            self._pipes.drop_disk()
+            raise NoRoomError(int(answer["no_room"]), str(answer["reason"]))
         if "status" in answer:
             raise ReaderError(str(answer["status"]), str(answer["reason"]))
         if "value" in answer:
@@ -256,9 +264,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
         dtype = {4: np.float32, 8: np.float64}[answer["itemsize"]]
         told = [answer, *answer.get("following", ())]
         lengths = [prod(one["shape"]) for one in told]
-        if self._pipes is None:
-            raise ValueError("the reader process is closed")
-        on_disk = disk if answer.get("on_disk") else None
+        on_disk = self._pipes.disk if answer.get("on_disk") else None
         output = self._pipes.output.handle if on_disk is None else on_disk.handle
         count, revolution = answer.get("pulses") or (0, None)
         size = sum(lengths) * answer["itemsize"]
@@ -269,6 +275,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             answer["stated"]["pulses"] = Pulses(times, revolution)
         if on_disk is not None:
             values = mapped_array(on_disk, (sum(lengths),), dtype)
+            self._pipes.disk = None
         else:
             values = np.empty(sum(lengths), dtype=dtype)
             read_into(output, values.data)
@@ -310,7 +317,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             undo.pop_all()
         for handle in (child_reads, child_writes):
             os.close(handle)
-        self._pipes = pipes = _Pipes(requests, PipeReader(answers), *files)
+        self._pipes = pipes = _Pipes(requests, PipeReader(answers), files[0], files[1])
         self._files = 0
         return pipes
 

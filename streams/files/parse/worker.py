@@ -153,7 +153,12 @@ def _written(found: Samples, output_fd: int) -> dict[str, Any]:
 
 
 def _told(found: Samples) -> dict[str, Any]:
-    return {"shape": found.values.shape, "stated": {field: getattr(found, field) for field in _FIELDS}}
+    """Return the shape and what is stated, without what samples have by default."""
+    by_default = vars(Samples(found.values))
+    stated = {field: value for field in _FIELDS if (value := getattr(found, field)) != by_default[field]}
+    # These are filled in from each other.
+    named = {field: getattr(found, field) for field in ("columns", "channels", "names")}
+    return {"shape": found.values.shape, "stated": {**stated, **named}}
 
 
 def write_all(handle: int, *parts: bytes | memoryview) -> None:

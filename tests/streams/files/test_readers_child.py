@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 import warnings
+import weakref
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
+from models.platform.portable import DiskFile
 from streams.files.formats.mat import mat_variables, read_mat
 from streams.files.parse.child import ReaderProcess, isolated, shared_process
 from streams.types.limits import ChildLimits
@@ -230,6 +232,22 @@ def test_no_process_outlives_the_program(mode: str, code: int) -> None:
     wait_until(lambda: not alive(pid))
 
 
+def test_files_share_one_place_on_disk_that_none_of_them_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[DiskFile] = []
+    monkeypatch.setattr("streams.files.parse.child.DiskFile", lambda: made.append(DiskFile()) or made[-1])
+    with ReaderProcess(LIMITS) as process:
+        for number in range(3):
+            rows = np.full((1, 40_000), float(number))
+            assert_array_equal(process.call(read_mat, mat_bytes(rows), "a.mat", ["*"], "UTC").values, rows)
+        with pytest.raises(ReaderError):
+            process.call(read_mat, b"no file" * 50_000, "b.mat", ["*"], "UTC")
+        assert len(made) == 1
+        handle = made[0].handle
+    # What a file that failed may have left there is closed with it.
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(handle)
+
+
 def test_the_shared_process_is_one() -> None:
     assert shared_process() is shared_process()
 
@@ -261,3 +279,12 @@ def test_a_process_that_remembers_reads_the_same_bytes_once(monkeypatch: pytest.
             read(data[:200])
         assert len(asked) == 7
         assert read(data, process=forgets) is not read(data, process=forgets)
+        # A pass over many files holds no file behind the one that it gives; a name that comes twice is remembered.
+        asked.clear()
+        for name in ("a.mat", "b.mat", "c.mat"):
+            read(data, name)
+        assert read(data, "c.mat") is read(data, "c.mat")
+        assert asked == ["a.mat", "b.mat", "c.mat", "c.mat"]
+        read(data, "d.mat")
+        alone = weakref.ref(read(data, "e.mat"))
+        assert alone() is None
