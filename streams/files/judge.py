@@ -197,7 +197,7 @@ def agreed_rate(
         raise ReaderError("wrong_rate", f"{where}: {opened.written} may mean {opened.meant}; give [[source]] rate_hz")
     if not rates:
         raise ReaderError("wrong_rate", f"{where}: no sampling rate is stated; give [[source]] rate_hz")
-    if any(abs(rate - rates[0]) > RATE_TOLERANCE * rates[0] for rate in rates):
+    if len(rates) > 1 and any(abs(rate - rates[0]) > RATE_TOLERANCE * rates[0] for rate in rates):
         said = " and ".join(f"{rate:g} Hz" for rate in dict.fromkeys(rates))
         own = [rate for rate in stated if rate is not None]
         hint = f"; write rate_hz = {own[0]:.10g}" if own and all(rate == own[0] for rate in own) else ""

@@ -28,6 +28,8 @@ def rows_as_stored(
         ReaderError: ``wrong_unit`` where the recording states another sensitivity, or another value of one count.
     """
     for channel, row in zip(channels, rows, strict=True):
+        if samples.sensitivities[row] is None and samples.count_scales[row] is None:
+            continue
         told = f"{where}: channel {channel.name}"
         level = None if samples.open_gain else samples.sensitivities[row]
         own, size = multiple_of(samples.units[row])
@@ -112,7 +114,7 @@ def in_own_units(samples: Samples, as_stored: frozenset[int] = frozenset()) -> t
 
 def scaled_by(samples: Samples, factors: Sequence[float]) -> Samples:
     """Return samples whose rows are multiplied by a factor each."""
-    if all(factor == 1.0 for factor in factors):
+    if factors.count(1.0) == len(factors):
         return samples
     column = np.array(factors, samples.values.dtype)[:, np.newaxis]
     return samples.changed(values=elementwise(lambda values: values * column, samples.values, 1))

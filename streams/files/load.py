@@ -314,14 +314,14 @@ def choose_channels(
             check_unit(stated, name, where)
             factor_of(samples, row, ChannelSpec(name, unit=stated), stated, None, f"{where}: {name}")
         return scaled_by(samples, multiples)
-    units = tuple(unit_of(samples, row, channel, where) for row, channel in zip(rows, channels, strict=True))
+    units = tuple([unit_of(samples, row, channel, where) for row, channel in zip(rows, channels, strict=True)])
     both = zip(rows, channels, units, strict=True)
     factors = [
         factor_of(samples, row, channel, unit, range_g, f"{where}: channel {channel.name}")
         * (multiples[row] if channel.scale is None and not channel.any_unit else 1.0)
         for row, channel, unit in both
     ]
-    return scaled_by(samples.select(rows, tuple(channel.name for channel in channels), units), factors)
+    return scaled_by(samples.select(rows, tuple([channel.name for channel in channels]), units), factors)
 
 
 def _row_of(samples: Samples, channel: ChannelSpec, where: str) -> int:

@@ -43,7 +43,7 @@ FOLDER_NAMES = ("spallwatch.json", "spallwatch.toml")
 def sidecar_paths(path: str) -> tuple[str, ...]:
     """Return the paths that the side-car of a file may have; the first that is there counts."""
     folder, slash, _ = path.rpartition("/")
-    return f"{path}.json", *(folder + slash + name for name in FOLDER_NAMES)
+    return f"{path}.json", *[folder + slash + name for name in FOLDER_NAMES]
 
 
 def is_beside(pattern: str | None) -> bool:

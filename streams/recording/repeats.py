@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from streams.files.datasets import FileFacts
 from streams.reblock import Cut, name_of_recording
@@ -34,7 +35,7 @@ class Loaded:
     repeats: int = 0
     """Number of the block that has this content or number already, else 0."""
 
-    @property
+    @cached_property
     def name(self) -> str:
         """The path in printable characters, with the number of the recording where it is a later one of its file."""
         return name_of_recording(shown(self.path), 1 if isinstance(self.result, ReaderError) else self.result.number)

@@ -282,7 +282,7 @@ def _seconds(moment: datetime, zone: str | tzinfo) -> float | None:
 
 def _in_numbers(text: str, parts: Mapping[str, str | None], zone: str) -> Stamp | None:
     """Return the stamp of a date in numbers, by the groups of its expression; None where it has no valid reading."""
-    a, b, c, separator = (parts[key] or "" for key in ("a", "b", "c", "sep"))
+    a, b, c, separator = [parts[key] or "" for key in ("a", "b", "c", "sep")]
     day_first = month_first = year_first = None
     if len(a) == 4:
         day_first = month_first = _at(int(a), b, c, parts, zone) if len(c) <= 2 else None
@@ -314,7 +314,7 @@ def _year(digits: str) -> int:
 def _at(year: int, month: str, day: str, parts: Mapping[str, str | None], zone: str) -> tuple[float, bool] | None:
     """Return s since 1970 UTC of a reading, and whether it is a local time that does not exist; None for no reading."""
     hour, half = int(parts["H"] or parts.get("H3") or 0), (parts.get("half") or "")[:1].lower()
-    minute, second = (int(parts.get(key) or parts.get(f"{key}2") or 0) for key in "MS")
+    minute, second = [int(parts.get(key) or parts.get(f"{key}2") or 0) for key in "MS"]
     if half and not 1 <= hour <= 12:
         return None
     if half:
@@ -359,7 +359,8 @@ def stamp_in_name(path: str, zone: str, pattern: str | None = None) -> Stamp | N
     for way in ways:
         found = way()
         if found:
-            return found[0] if len({tuple(map(stamp.at, ORDERS)) for stamp in found}) == 1 else None
+            is_one = len(found) == 1 or len({tuple(map(stamp.at, ORDERS)) for stamp in found}) == 1
+            return found[0] if is_one else None
     return None
 
 

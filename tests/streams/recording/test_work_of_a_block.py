@@ -24,7 +24,7 @@ from streams.types.spec import ChannelSpec, SourceSpec
 ROOT = Path(__file__).parents[3]
 FLOORS = tuple(f"{ROOT / floor}/" for floor in ("models", "streams", "spallwatch"))
 RATE = 1000.0
-MAX_CALLS = {"npy": 187, "wav": 208, "tdms": 197, "csv": 195}
+MAX_CALLS = {"npy": 166, "wav": 187, "tdms": 176, "csv": 174}
 """Of functions and generators of the program for a block of a folder, the child that parses it apart, by ending."""
 
 
