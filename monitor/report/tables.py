@@ -125,8 +125,15 @@ class Table:
         return xr.Dataset(variables, attrs={"title": self.title, "comment": self.note, "Conventions": "CF-1.11"})
 
 
+_FORMULA = "=+-@\t\r\n\uff1d\uff0b\uff0d\uff20"
+"""With what a formula begins in a spreadsheet, also in full width."""
+
+
 def _harmless(cell: Cell) -> Cell:
-    return f"'{cell}" if isinstance(cell, str) and cell[:1] in ("=", "+", "-", "@", "\t", "\r") else cell
+    if not isinstance(cell, str):
+        return cell
+    # The writer puts no quotes around a carriage return, which would begin a row, and a cell.
+    return ("'" if cell.startswith(tuple(_FORMULA)) else "") + cell.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def write_tables(tables: Iterable[Table], folder: Path, attributes: Mapping[str, str] | None = None) -> list[Path]:

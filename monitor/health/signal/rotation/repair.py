@@ -63,6 +63,8 @@ _CLOSE = 0.02
 _MOVED = 0.15
 """A single pulse that stands further than this from the middle of its neighbours, in intervals, is not of its mark."""
 _MAX_SLIP = 2
+_MAX_MARKS, _MAX_LOOKED = 2.0**31, 50_000
+"""Marks of a block, at the speed where it is highest, and gaps or pulses that are looked at one by one, at most."""
 _AVERAGED = 16
 """Pulses whose mean interval tells of the silence at an end, where single ones do not."""
 _INDEX_SHARE = 0.6
@@ -122,13 +124,18 @@ def _by_time(
     bounces = given - times.size
     step = np.diff(times)
     usual = _usual(step, per_revolution)
+    if times[-1] - times[0] > _MAX_MARKS * np.min(usual):
+        return Repaired("irregular")
     away = np.abs(step / usual - 1.0)
     agrees = away < np.clip(np.maximum(1.05 * resolution / usual, _SPREADS * np.median(away)), _AGREES, _MAX_AGREES)
     # Two extra pulses may stand as far apart as two marks: an interval counts where one beside it agrees as well.
     agrees &= np.append(agrees[1:], agrees[-2]) | np.insert(agrees[:-1], 0, agrees[1])
     if 2 * np.count_nonzero(agrees) < agrees.size:
         return Repaired("irregular")
-    times, numbers, slips = _numbered(times, usual, agrees)
+    numbered = _numbered(times, usual, agrees)
+    if numbered is None:
+        return Repaired("irregular")
+    times, numbers, slips = numbered
     if slips > _UNCLEAR * per_revolution:
         return Repaired("irregular")
     times, numbers = _without_moved(times, numbers)
@@ -190,8 +197,10 @@ def _has_stopped(times: NDArray[np.float64], numbers: NDArray[np.int64], duratio
 
 def _numbered(
     times: NDArray[np.float64], usual: NDArray[np.float64], agrees: NDArray[np.bool_]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], float]:
+) -> tuple[NDArray[np.float64], NDArray[np.int64], float] | None:
     """Return the pulses that stand at marks, the numbers of these, and how many gaps may be counted wrong.
+
+    None where too many would have to be looked at one by one.
 
     Args:
         times: shape (pulse,), s.
@@ -208,8 +217,12 @@ def _numbered(
             break
         agrees = wider
         first, last, begins, ends, marks = _gaps(times, usual, agrees)
-    counts, keep = np.ones(usual.size), np.ones(times.size, dtype=bool)
-    for begin, end, count in zip(begins.tolist(), ends.tolist(), np.rint(marks).tolist(), strict=True):
+    counts, keep, whole = np.ones(usual.size), np.ones(times.size, dtype=bool), np.rint(marks)
+    looked = (ends - begins > 1) | (whole == 0.0)
+    if np.count_nonzero(looked) + first + times.size - last > _MAX_LOOKED:
+        return None
+    counts[begins[~looked]] = whole[~looked]
+    for begin, end, count in zip(begins[looked].tolist(), ends[looked].tolist(), whole[looked].tolist(), strict=True):
         _fill(times, usual, begin, end, int(count), counts, keep)
     _fill_ends(times, usual, first, last, counts, keep)
     numbers = np.concatenate(([0.0], np.cumsum(counts)))
@@ -268,11 +281,10 @@ def _fill(
     place = count * share * (1.0 + slower * (1.0 - share))
     mark = np.rint(place)
     away = np.abs(place - mark)
-    at, before = np.zeros(0, dtype=np.intp), 0.0
-    for number in range(1, count):
-        near = np.flatnonzero((mark == number) & (away < _AT_MARK))
-        if near.size:
-            at = np.append(at, near[np.argmin(away[near])])
+    near = np.flatnonzero((mark >= 1.0) & (mark < count) & (away < _AT_MARK))
+    near = near[np.lexsort((away[near], mark[near]))]
+    # Of those at one mark the nearest comes first.
+    at, before = near[np.diff(mark[near], prepend=0.0) > 0.0], 0.0
     keep[begin + 1 : end] = False
     for pulse in at.tolist():
         keep[begin + 1 + pulse] = True
