@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from monitor.config.plausible.levels import doubts
@@ -16,6 +16,7 @@ from streams.dates.order import evidence, orders_left
 from streams.files.columns import hertz_in
 from streams.files.groups import NameGroups
 from streams.files.survey import Survey, SurveyedRow
+from streams.files.unlisted import offers_for
 from streams.turns.tacho import is_called_tacho
 from streams.types.listing import shown
 from streams.types.samples import COUNTS, FRACTIONS
@@ -36,6 +37,7 @@ class Question:
         why: what was found, and what the answer is for.
         default: taken where nothing is answered, None where an answer is needed.
         read: returns fields of :class:`Answers`; ValueError where the words are no answer.
+        proposed: by a value under a key of no table; shown, and never taken without an answer.
     """
 
     option: str
@@ -43,6 +45,7 @@ class Question:
     why: str
     default: str | None
     read: Callable[[str], dict[str, Any]]
+    proposed: str | None = None
 
     @property
     def key(self) -> str:
@@ -63,9 +66,39 @@ def columns_question(survey: Survey) -> Question:
     return Question("--columns", words, f"{no_vibration_words(survey)}.", None, read.read_columns)
 
 
+_OFFERED: dict[str, tuple[str, Callable[[float], str]]] = {
+    "rate_hz": ("rate", lambda rate: f"{rate:.10g} Hz"),
+    "full_scale": ("scale", lambda count: f"{count:.6g} g"),
+    "unit": ("unit", str),
+    "sensitivity_mv_per_g": ("sensitivity", lambda level: f"{level:.6g} mV/g"),
+    "start_utc": ("start", utc_text),
+    "speed_hz": ("speed", lambda speed: f"{60.0 * speed:.6g} rpm"),
+    "load_newton": ("load", lambda load: f"{load:.6g} N"),
+}
+"""By the key of a question: the fact of the unlisted values that may answer it, and how such an answer is written."""
+
+
+def _with_offers(question: Question, survey: Survey) -> Question:
+    """Return a question with what unlisted values would answer; proposed where all of them mean one answer."""
+    fact, written = _OFFERED.get(question.key, ("", str))
+    offers = offers_for(survey.values, fact) if fact else ()
+    if not offers:
+        return question
+    meant = [set(map(written, one.readings)) or {one.text} for one in offers]
+    common = set.intersection(*meant)
+    listed = ", ".join(f"{one.place} {one.written!r}" for one in offers[:4])
+    why = f"{question.why} {listed} in {shown(survey.first)} may state it: {' or '.join(sorted(set.union(*meant)))}."
+    return replace(question, why=why, proposed=common.pop() if len(common) == 1 else None)
+
+
 def open_questions(
     survey: Survey, answers: Answers, zone: str, now: float, last_problem: str = ""
 ) -> Iterator[Question]:
+    """Yield the questions that answers leave open, each with what unlisted values would answer; arguments as below."""
+    yield from (_with_offers(one, survey) for one in _questions(survey, answers, zone, now, last_problem))
+
+
+def _questions(survey: Survey, answers: Answers, zone: str, now: float, last_problem: str) -> Iterator[Question]:
     """Yield the questions that answers leave open.
 
     Args:

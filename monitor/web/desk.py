@@ -197,7 +197,7 @@ def described_values(found: RecordingDescription, place: Path) -> dict[str, Any]
         "columns": [_finite(asdict(column)) for column in found.columns],
         "facts": [asdict(fact) for fact in found.facts],
         "questions": [
-            {"key": question.key, "words": question.words, "why": question.why, "default": question.default}
+            {key: getattr(question, key) for key in ("key", "words", "why", "default", "proposed")}
             for question in found.questions
         ],
         "dates": [{"file": date.file, "time_s": date.time} for date in found.dates],

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from streams.files.keys import ATTENUATIONS, GAINS, KEYS, LEVEL_UNITS, LEVELS, LOADS, MULTIPLIERS, SCALES, SPEEDS
+from streams.files.keys import ATTENUATIONS, GAINS, LEVEL_UNITS, LEVELS, LOADS, MULTIPLIERS, SCALES, SPEEDS
 from streams.files.statements import (
     Facts,
     StatedNumber,
@@ -18,7 +18,9 @@ from streams.files.statements import (
     plain_key,
     scale_statements,
     speed_statements,
+    written_key,
 )
+from streams.files.unlisted import is_stating
 from streams.types.samples import OpenGain, ReaderError, Sensitivity
 
 _OTHERS = frozenset((*SPEEDS, *LOADS, *LEVELS, *SCALES, *GAINS, *MULTIPLIERS, *ATTENUATIONS))
@@ -35,12 +37,12 @@ def without(facts: Facts, disregard: Sequence[str]) -> Facts:
 
     def is_believed(key: str) -> bool:
         word, _, place = key.partition("#")
-        names = (word, (place or word).lower())
+        names = (word, (place or word).lower(), written_key(key).lower())
         return not any(
             fnmatchcase(name, pattern) or word == plain_key(pattern) for name in names for pattern in patterns
         )
 
-    return {key: value for key, value in facts.items() if key.partition("#")[0] not in KEYS or is_believed(key)}
+    return {key: value for key, value in facts.items() if not is_stating(key) or is_believed(key)}
 
 
 def judge_number(statements: Sequence[StatedNumber], what: str, where: str) -> float | None:

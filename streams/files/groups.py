@@ -336,6 +336,7 @@ def joined(parts: Sequence[Samples], labels: Sequence[str], paths: Sequence[str]
         count_scales=tuple(scale for part in parts for scale in part.count_scales),
         open_gain=next((part.open_gain for part in parts if part.open_gain), None),
         open_multiplier=next((part.open_multiplier for part in parts if part.open_multiplier), ""),
+        unlisted=tuple(dict.fromkeys(one for part in parts for one in part.unlisted)),
         rate=rate,
         start=next((part.start for part in parts if part.start is not None), None),
         speed=next((part.speed for part in parts if part.speed is not None), None),

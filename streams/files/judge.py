@@ -28,8 +28,9 @@ from streams.files.statements import (
     time_statements,
     unit_statements,
 )
+from streams.files.unlisted import bearing_on, unlisted_in
 from streams.files.zones import in_stated_zone
-from streams.types.samples import RATE_TOLERANCE, VALUES, ReaderError, Samples, stack_rows
+from streams.types.samples import RATE_TOLERANCE, VALUES, ReaderError, Samples, UnlistedStatement, stack_rows
 from streams.types.stamps import Stamp
 
 START_TOLERANCE = 0.01
@@ -330,6 +331,7 @@ def judged(
     starts: list[Start] = []
     units: list[str | None] = []
     beside: list[Circumstances] = []
+    unlisted: list[UnlistedStatement] = []
     known: dict[int, int] = {}
     for place, row in enumerate(rows):
         first = known.setdefault(id(row.facts), place)
@@ -346,6 +348,7 @@ def judged(
         starts += [replace(one, place=one.place + inside) for one in dated(facts, zone)]
         units.append(_unit_of(facts, row.short, at))
         beside.append(circumstances_of(facts, at))
+        unlisted += unlisted_in(facts, [row.values], zone)
     rate = judge_rate(rates, where)
     start = judge_start(starts, where)
     names, short = tuple(row.name for row in rows), tuple(row.short for row in rows)
@@ -363,6 +366,7 @@ def judged(
         open_multiplier=next((one.multiplier for one in beside if one.multiplier), ""),
         stated_speed=_common([one.speed for one in beside]),
         stated_load=_common([one.load for one in beside]),
+        unlisted=bearing_on(unlisted, units),
     )
 
 

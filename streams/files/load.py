@@ -14,6 +14,7 @@ from zoneinfo import ZoneInfo
 from streams.files.claims import check_claims
 from streams.files.columns import refuse_running, vibration_rows, with_times
 from streams.files.container import changed_error, first_of
+from streams.files.contradictions import doubts_of
 from streams.files.foreign import HEAD_BYTES, seen_in, with_hint
 from streams.files.judge import agreed_rate, opened_rate
 from streams.files.levels import (
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
     from streams.files.datasets import DataSet, FileFacts
 
 _LOG = logging.getLogger(__name__)
+_MAX_TOLD = 100
+"""Doubts of which each is logged."""
 _MAX_LISTED = 1000
 """Characters of names in a message."""
 
@@ -87,6 +90,7 @@ class Loader:
         self.root, self.data_set, self.dater = root, data_set, dater
         self._spec, self._several = spec, several
         self._zone = ZoneInfo(spec.timezone)
+        self._told: set[str] = set()
 
     def facts(self, path: str) -> FileFacts | None:
         """Return what the path of a file states; None for a file of another kind."""
@@ -144,8 +148,20 @@ class Loader:
                 samples = samples.changed(stated=stated)
             if self.dater is not None:
                 self.dater.note_own(self.data_set.name, start if elapsed is None else None)
-            return fitting_pulses(samples.changed(start=start, elapsed=elapsed), path)
-        return fitting_pulses(self.dater.date(samples, path, changed, whole=whole), path)
+            samples = samples.changed(start=start, elapsed=elapsed)
+        else:
+            samples = self.dater.date(samples, path, changed, whole=whole)
+        samples = fitting_pulses(samples, path)
+        return self._doubted(samples, path) if samples.unlisted else samples
+
+    def _doubted(self, samples: Samples, path: str) -> Samples:
+        """Return samples with what unlisted values contradict; each is logged once."""
+        doubts = doubts_of(samples, self._spec.channels, self._spec.timezone)
+        for one in doubts:
+            if len(self._told) < _MAX_TOLD and (said := one.partition(", ")[0]) not in self._told:
+                self._told.add(said)
+                _LOG.warning("source %s: %s: %s", self._spec.name, path, one)
+        return samples.changed(doubts=doubts) if doubts else samples
 
     def _date_each(
         self, samples: Samples, path: str, facts: FileFacts, changed: float | None, *, whole: bool

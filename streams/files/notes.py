@@ -12,8 +12,8 @@ from streams.files.circumstances import circumstances_of, judge_number, without
 from streams.files.container import read_guarded
 from streams.files.formats.head import decoded, head_of
 from streams.files.judge import judge_rate, judge_start, judge_unit, starts_of
-from streams.files.keys import KEYS
 from streams.files.statements import Facts, StatedNumber, number_in, rate_statements, unit_statements
+from streams.files.unlisted import bearing_on, is_stating, unlisted_in
 from streams.types.block import STANDARD_GRAVITY
 from streams.types.listing import unpacked_name
 from streams.types.samples import FRACTIONS, Samples
@@ -36,7 +36,7 @@ _SILENT_ENDINGS = (".wav", ".flac", ".npy")
 def note_of(root: Path, path: str) -> tuple[str, dict[str, object]] | None:
     """Return the path of the text beside a recording whose format states little, and what it states, or None.
 
-    ``PUMP.txt`` beside ``PUMP.wav`` has lines ``KEY: VALUE`` as a head of text; one without a known key is none.
+    ``PUMP.txt`` beside ``PUMP.wav`` has lines ``KEY: VALUE`` as a head of text; one that states nothing is none.
     ReaderError as for any file.
     """
     stem, ending = _stem_of(path)
@@ -47,8 +47,7 @@ def note_of(root: Path, path: str) -> tuple[str, dict[str, object]] | None:
         if os.path.lexists(f"{top}/{name}"):
             raw = read_guarded(root, name, max_bytes=_MAX_BYTES)
             facts = head_of([decoded(line).strip() for line in raw.splitlines()]).facts
-            words = [key.partition("#")[0] for key in facts]
-            if any(word in KEYS or _FULL_SCALE.fullmatch(word) for word in words):
+            if any(is_stating(key) or _FULL_SCALE.fullmatch(key.partition("#")[0]) for key in facts):
                 return name, facts
     return None
 
@@ -111,4 +110,5 @@ def apply_note(
         open_multiplier=beside.multiplier,
         stated_speed=beside.speed,
         stated_load=beside.load,
+        unlisted=bearing_on([*samples.unlisted, *unlisted_in(facts, list(samples.values), zone)], units),
     )

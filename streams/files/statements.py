@@ -26,7 +26,6 @@ from streams.files.keys import (
     FACTORS,
     GROUPING_BLANKS,
     GROUPS,
-    KEYS,
     LEVEL_UNITS,
     LEVELS,
     LIKE_RATE,
@@ -95,13 +94,34 @@ def plain_unit(text: str) -> str:
 _LETTERS = str.maketrans({"Δ": "delta", "µ": "u", "μ": "u", "ł": "l", "Ł": "l", "ø": "o", "ı": "i"})
 
 
+class PlainKey(str):
+    """A plain key that remembers how it is ``written``: with the case and the separators that divide its words."""
+
+    written: str
+
+    def __new__(cls, plain: str, written: str) -> PlainKey:
+        """Keep both."""
+        self = super().__new__(cls, plain)
+        self.written = written
+        return self
+
+
 @lru_cache(maxsize=4096)
 def plain_key(key: str) -> str:
-    """Return letters and digits in lower case, without accents: ``samplingratehz``; those of Japanese as they are."""
+    """Return letters and digits in lower case, without accents: ``samplingratehz``; those of Japanese as they are.
+
+    The key is a :class:`PlainKey`.
+    """
+    plain = key
     if not key.isascii():
-        key = unicodedata.normalize("NFKD", key.translate(_LETTERS))
-        key = unicodedata.normalize("NFC", re.sub("[\u0300-\u036f]", "", key))
-    return re.sub("[^a-z0-9\u3041-\u30ff\u4e00-\u9fff]", "", key.lower())
+        plain = unicodedata.normalize("NFKD", key.translate(_LETTERS))
+        plain = unicodedata.normalize("NFC", re.sub("[\u0300-\u036f]", "", plain))
+    return PlainKey(re.sub("[^a-z0-9\u3041-\u30ff\u4e00-\u9fff]", "", plain.lower()), key)
+
+
+def written_key(key: str) -> str:
+    """Return a plain key as it is written, where it remembers that."""
+    return key.written if isinstance(key, PlainKey) else key
 
 
 def add_fact(facts: dict[str, object], key: str, value: object, place: str = "") -> None:
@@ -110,14 +130,14 @@ def add_fact(facts: dict[str, object], key: str, value: object, place: str = "")
         facts[key] = value
     elif facts[key] != value:
         number = sum(known.partition("#")[0] == key for known in facts) + 1
-        facts[f"{key}#{place or f'{key} ({number})'}"] = value
+        facts[PlainKey(f"{key}#{place or f'{key} ({number})'}", written_key(key))] = value
 
 
 def nearest(outer: Facts, own: Facts, place: str) -> dict[str, object]:
     """Return facts of which the ``own`` ones are found first; others of the same key stand under ``KEY#PLACE``."""
     found = dict(own)
     for key, value in outer.items():
-        if key in found and key in KEYS:
+        if key in found and not isinstance(value, np.ndarray):
             add_fact(found, key, value, place)
         else:
             found.setdefault(key, value)

@@ -129,7 +129,7 @@ def _stated_zone(key: str, place: str, value: object) -> StatedZone | None:
     text = text.replace("\N{MINUS SIGN}", "-")
     if text.lower() in ("", "-", "local", "local time", "none", "n/a", "unknown", "auto"):
         return None
-    offset = _offset_in(text, ZONE_KEYS[key])
+    offset = offset_in(text, ZONE_KEYS[key])
     if offset is not None:
         return StatedZone(place, text, "UTC", offset)
     if text.upper() in ZONE_HOURS:
@@ -140,12 +140,12 @@ def _stated_zone(key: str, place: str, value: object) -> StatedZone | None:
     if displayed is not None:
         # Windows shows the offset of winter all the year.
         name = _region(displayed["words"])[0] or _city(displayed["words"])
-        return StatedZone(place, text, name, _offset_in(displayed["offset"] or "+00:00", "h"))
+        return StatedZone(place, text, name, offset_in(displayed["offset"] or "+00:00", "h"))
     name, summer = _region(text)
     return StatedZone(place, text, name, summer=summer)
 
 
-def _offset_in(text: str, unit: str) -> float | None:
+def offset_in(text: str, unit: str) -> float | None:
     """Return an offset in s; ``unit`` is that of its key. None where it is open.
 
     Zones are quarters of an hour from UTC, up to 14 h, and none less than 1 h: of a number without a unit that leaves

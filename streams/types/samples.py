@@ -77,6 +77,21 @@ class Origin:
     total: int = 0
 
 
+class UnlistedStatement(NamedTuple):
+    """What a value under a key of no table may state of a ``fact``; it is offered or doubted, never believed.
+
+    ``place`` and ``written`` are as messages quote them; ``readings`` are in SI or as the fact is counted, each within
+    ``resolution``; ``text`` is what no number is.
+    """
+
+    fact: str
+    place: str
+    written: str
+    readings: tuple[float, ...] = ()
+    resolution: float = 0.0
+    text: str = ""
+
+
 _OF_ROWS = frozenset(("values", "columns", "channels", "names", "units", "stored", "sensitivities", "count_scales"))
 """Fields of samples that must fit each other."""
 
@@ -101,6 +116,8 @@ class Samples:
         open_multiplier: what it states of a factor that may have been applied or not, in words.
         stated_speed: of the shaft, Hz, as a head states it among other things: offered, not used for the block.
         stated_load: likewise the radial load, N.
+        unlisted: what values under keys of no table may state.
+        doubts: those of them that contradict what was judged, in words.
         start: seconds since 1970 UTC of the first sample of the origin.
         stamp: a date of the file whose order of day and month is open, as it is written; start is None then.
         written: the start as it is written, where it names no zone.
@@ -156,6 +173,8 @@ class Samples:
     open_multiplier: str = ""
     stated_speed: float | None = None
     stated_load: float | None = None
+    unlisted: tuple[UnlistedStatement, ...] = ()
+    doubts: tuple[str, ...] = ()
     number: int = 1
     begin: int = 0
     following: tuple[Samples, ...] = ()

@@ -140,11 +140,11 @@ class _Talk:
             click.Abort: the input ends.
         """
         self.say(f"\n{wrapped(question.why)}")
+        shown_one = question.proposed or question.default
         while True:
             words = click.prompt(
-                question.words, default=question.default or "", show_default=question.default is not None,
-                err=self.to_stderr,
-            )  # fmt: skip
+                question.words, default=shown_one or "", show_default=shown_one is not None, err=self.to_stderr
+            )
             try:
                 if not words.strip():
                     raise ValueError("an answer is needed")

@@ -78,6 +78,7 @@ RULES: dict[str, DoubtRule] = {
     "interference": DoubtRule("`[[interference]]`", "", "removes a fault line"),
     "refused": DoubtRule("the file", "`run` refuses it"),
     "file": DoubtRule("first, last file", "would be rejected"),
+    "unlisted": DoubtRule("first, last file", "", "an unknown key contradicts"),
     "dating": DoubtRule("dates", "contradictory", "none"),
     "clock": DoubtRule("dates", "", "flagged `clock`"),
     "clocks": DoubtRule("dates", "", "two sources hours apart or never together"),

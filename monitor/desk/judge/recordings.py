@@ -76,6 +76,7 @@ def look_at(recording: Recording, config: Config, section: SourceSection) -> Rec
     first = begun.first
     loaded = recording.ends()
     found = [*_rejections(subject, section, loaded), *_levels(subject, section, loaded)]
+    found += _unlisted(subject, section, loaded)
     if first is not None:
         found += [*_same(subject, first), *_speeds(subject, first), *_load(subject, first), *begun.clock(section)]
     shapes = begun.shapes
@@ -212,6 +213,17 @@ def _rejections(subject: JudgedConfig, section: SourceSection, loaded: Sequence[
             came = f"would be rejected, {file.result.status}: {file.result}"
             place = place_of(subject.config, "source", section.name, key)
             yield subject.doubt("file", "problem", place, "files that fit the configuration", came)
+
+
+def _unlisted(subject: JudgedConfig, section: SourceSection, loaded: Sequence[Loaded]) -> Iterator[Doubt]:
+    """Yield what values under keys of no table contradict, each once."""
+    place = place_of(subject.config, "source", section.name, "url")
+    told: set[str] = set()
+    for file in loaded:
+        for came in file.result.doubts if isinstance(file.result, Samples) else ():
+            if came not in told:
+                told.add(came)
+                yield subject.doubt("unlisted", "warning", place, "statements that agree", f"{file.name}: {came}")
 
 
 def _levels(subject: JudgedConfig, section: SourceSection, loaded: Sequence[Loaded]) -> Iterator[Doubt]:

@@ -174,7 +174,7 @@ export class Desk {
     for (const [key, { input, why, element }] of this.inputs) {
       const question = questions.get(key);
       element.toggleAttribute("data-open", question?.default === null);
-      input.placeholder = question?.default ?? FIELDS[key]?.[1] ?? "";
+      input.placeholder = question?.proposed ?? question?.default ?? FIELDS[key]?.[1] ?? "";
       fill(why, question && h("span", null, question.default === null ? h("b", null, "An answer is needed. ") : `Without an answer: ${question.default}. `, question.why));
     }
     const rank = ({ element }) => (element.hasAttribute("data-open") ? 0 : 1);

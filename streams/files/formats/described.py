@@ -27,6 +27,7 @@ from streams.files.statements import (
     rate_statements,
     unit_statements,
 )
+from streams.files.unlisted import bearing_on, unlisted_in
 from streams.types.samples import ReaderError, Samples
 
 _MAX_LOOKED = 4096
@@ -84,6 +85,7 @@ def described(
     beside = circumstances_of(facts, name)
     own = [circumstances_of(found, name) for found in of_columns]
     found_units = tuple(map(_unit_of, units, of_columns, [facts] * len(names), [name] * len(names)))
+    rows, own_units = [samples.values[place] for place in channels], [found_units[place] for place in channels]
     found = replace(
         samples,
         channels=names,
@@ -100,6 +102,7 @@ def described(
         **start.fields,
         stated_speed=beside.speed,
         stated_load=beside.load,
+        unlisted=bearing_on([one for each in (facts, *of_columns) for one in unlisted_in(each, rows, zone)], own_units),
     )
     found = found.select(channels)
     return replace(found, values=without_codes(found.values))

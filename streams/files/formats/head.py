@@ -31,6 +31,7 @@ from streams.files.statements import (
     plain_unit,
     time_statements,
 )
+from streams.files.unlisted import is_stating
 from streams.types.samples import ReaderError, Samples
 from streams.types.stamps import CLOCK
 
@@ -215,7 +216,7 @@ def _pairs(line: str) -> list[str]:
     levels = _LEVEL.findall(line)
     match = _FACT.match(line)
     if match is not None and plain_key(match[1]) not in KEYS:
-        stated = [f"{key}\t{value}" for key, value in inner if plain_key(key) in KEYS and value != match[3].strip()]
+        stated = [f"{key}\t{value}" for key, value in inner if is_stating(plain_key(key)) and value != match[3].strip()]
         if len(levels) == 1 and is_number(levels[0].split(" ")[0]):
             stated.append(f"scale\t{levels[0]}")
         if stated:

@@ -10,7 +10,9 @@ from collections.abc import Iterator
 from datetime import datetime, timedelta
 
 from streams.files.formats.head import Head
+from streams.files.keys import KEYS
 from streams.files.statements import Facts, add_fact, number_of, plain_key
+from streams.files.unlisted import is_stating
 from streams.types.samples import ReaderError
 from streams.types.stamps import read_stamp
 
@@ -52,6 +54,7 @@ def labview_head(lines: list[str], name: str) -> Head:
         values = [part.strip().replace(decimal, ".") for part in line[1:]]
         if stated.setdefault(plain_key(line[0]), values) != values:
             stated[f"{plain_key(line[0])}#{line[0]} (again)"] = values
+    head.facts.update((key, value) for key, value in of_file.items() if key not in KEYS and is_stating(key))
     counts = [number for text in stated.get("samples", []) if (number := number_of(text)) is not None]
     head.promised = int(max(counts, default=0.0))
     head.of_columns = tuple(_of_columns(stated, head.names or ()))

@@ -23,6 +23,7 @@ from streams.files.keys import KEYS, STEPS, TIME_UNITS
 from streams.files.parse.worker import check_claim, from_disk
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
 from streams.files.statements import STORED, Facts, add_fact, nearest, plain_key, plain_unit
+from streams.files.unlisted import is_stating
 from streams.types.large import Data, stream_of
 from streams.types.samples import ReaderError, Samples, may_be_rows, rows_of, stored_as
 
@@ -216,7 +217,7 @@ def read_mat(
     if not any(fnmatchcase(variable, _variable(pattern)) for variable in variables for pattern in patterns):
         # Structures that are recordings hold them.
         patterns = [f"*.{pattern}" for pattern in patterns]
-    stating = [key for key in variables if plain_key(key) in KEYS]
+    stating = [key for key in variables if is_stating(plain_key(key))]
     parents = {pattern.rpartition(".")[0] for pattern in patterns if "." in pattern}
     # Of ``signal.y_values.values`` the step stands in ``signal.x_values``.
     parents |= {parent.rpartition(".")[0] for parent in parents if "." in parent}
@@ -268,7 +269,7 @@ def _stated(values: MatValues) -> dict[str, dict[str, object]]:
             if is_plain and not of_times and (label := text(values, key)) is not None:
                 add_fact(facts.setdefault(outer, {}), "unit", label, key)
             continue
-        if plain_key(last) not in KEYS:
+        if not is_stating(plain_key(last)):
             continue
         value = text(values, key) or scalar(values, key)
         if isinstance(value, float) and _DATENUMS[0] < value < _DATENUMS[1]:

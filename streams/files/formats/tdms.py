@@ -15,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from streams.files.judge import Start, StatedRow, judge_start, judged, starts_of
-from streams.files.keys import KEYS, TIME_KEYS
+from streams.files.keys import TIME_KEYS
 from streams.files.lengths import of_one_length, with_beside
 from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, with_pulses
 from streams.files.statements import STORED, Facts, add_fact, nearest, plain_key
 from streams.files.successive import recordings_of
+from streams.files.unlisted import is_stating
 from streams.types import large
 from streams.types.large import Data, contiguous, empty_rows, forget_pages, stream_of
 from streams.types.samples import ReaderError, Samples, check_rows, stored_as
@@ -182,10 +183,10 @@ def _properties_of(channels: Sequence[Any], file: Any) -> list[dict[str, object]
     own = [_properties(channel) for channel in channels]
     around = _properties(file)
     dated = any(_dated(facts, "UTC") for facts in own)
-    lasting = KEYS - TIME_KEYS if dated else KEYS
+    passing = TIME_KEYS if dated else frozenset[str]()
     groups = {group.name: nearest(around, _properties(group), "of the file") for group in file.groups()}
     outer = {
-        name: {key: value for key, value in facts.items() if key.partition("#")[0] in lasting}
+        name: {key: value for key, value in facts.items() if is_stating(key) and key.partition("#")[0] not in passing}
         for name, facts in groups.items()
     }
     return [

@@ -31,7 +31,14 @@ from streams.files.parse.worker import read_all, read_into, write_all
 from streams.turns.pulses import Pulses
 from streams.types.large import Data, FileBytes, NoRoomError, mapped_array, write_whole
 from streams.types.limits import MAX_BYTES, ChildLimits
-from streams.types.samples import OpenGain, ReaderError, Samples, Sensitivity, one_after_another
+from streams.types.samples import (
+    OpenGain,
+    ReaderError,
+    Samples,
+    Sensitivity,
+    UnlistedStatement,
+    one_after_another,
+)
 
 _ANSWER_BYTES = 1 << 22
 _REMEMBERED_BYTES = 1 << 24
@@ -362,6 +369,9 @@ def _stated_of(values: NDArray[Any], fields: dict[str, Any]) -> Samples:
         lists["sensitivities"] = tuple(level and Sensitivity(*level) for level in lists["sensitivities"])
     if lists.get("open_gain"):
         lists["open_gain"] = OpenGain(*lists["open_gain"])
+    if lists.get("unlisted"):
+        found = (UnlistedStatement(*entry) for entry in lists["unlisted"])
+        lists["unlisted"] = tuple([one._replace(readings=tuple(one.readings)) for one in found])
     return Samples(values, **{**fields, **lists})
 
 

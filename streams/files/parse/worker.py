@@ -42,7 +42,7 @@ _FROM_DISK = "takes_files_from_disk"
 _FIELDS = (
     *("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored"),
     *("written", "pulse_epoch", "pulses_per_revolution", "beside", "rate_readings", "rate_resolution", "rate_written"),
-    *("sensitivities", "count_scales", "open_gain", "open_multiplier", "stated_speed", "stated_load"),
+    *("sensitivities", "count_scales", "open_gain", "open_multiplier", "stated_speed", "stated_load", "unlisted"),
 )
 
 

@@ -194,6 +194,7 @@ ELSEWHERE = {
     "rig": "tests/monitor/config/test_rig.py",
     "tacho": "tests/monitor/commands/test_check_tacho.py",
     "unit_unknown": "tests/monitor/commands/test_check_recordings.py",
+    "unlisted": "tests/spallwatch/test_kinds_unlisted.py",
 }
 
 

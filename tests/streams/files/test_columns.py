@@ -343,7 +343,7 @@ def test_a_speed_among_the_properties_is_offered_and_not_used(
         ("Speed", 24.8, ["--speed-unit", "Hz"], 1.0),
         ("Speed", 300.0, ["--speed-unit", "rpm"], 1 / 60),
         ("Speed [Hz]", 24.8, [], 1.0),
-        ("n [1/min]", 24.0, [], 1 / 60),
+        ("n [1/min]", 240.0, [], 1 / 60),
         ("Speed", 24.8, None, 0.0),
     ],
 )
