@@ -120,8 +120,9 @@ def parse_columns(
     Raises:
         ReaderError: with the place of the first field that is missing or no number; ``refused`` for too many.
     """
-    trimmed = body.rstrip(_BLANKS)
-    n_lines = trimmed.count(b"\n") + 1
+    # One newline behind the last digit is no reason for a copy.
+    trimmed = body if body[-1:] == b"\n" and body[-2:-1].isdigit() else body.rstrip(_BLANKS)
+    n_lines = trimmed.count(b"\n") + (trimmed[-1:] != b"\n")
     _check_count(n_lines * (width if columns is None else len(columns)), precision, name)
 
     def wrong(reason: str) -> ReaderError:
