@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields, replace
 from pathlib import Path
 from types import FrameType
@@ -16,6 +16,7 @@ import pytest
 import soundfile
 from nptdms import ChannelObject, TdmsWriter
 
+from streams.files.parse.child import ReaderProcess
 from streams.open import open_source
 from streams.types.block import Block, Rejected
 from streams.types.samples import Samples
@@ -26,6 +27,8 @@ FLOORS = tuple(f"{ROOT / floor}/" for floor in ("models", "streams", "spallwatch
 RATE = 1000.0
 MAX_CALLS = {"npy": 166, "wav": 187, "tdms": 176, "csv": 174}
 """Of functions and generators of the program for a block of a folder, the child that parses it apart, by ending."""
+MAX_PARSER_CALLS = {"wav": 24, "tdms": 175, "csv": 331}
+"""The same of the child, but for what is between the processes."""
 
 
 def write(folder: Path, ending: str, number: int, rate: float = RATE, unit: str = "g") -> Path:
@@ -72,6 +75,28 @@ def test_the_calls_that_a_block_takes(tmp_path: Path, ending: str) -> None:
         sys.setprofile(None)
     assert [item.sequence for item in rest] == list(range(3, 13))
     assert calls / len(rest) <= MAX_CALLS[ending]
+
+
+@pytest.mark.parametrize("ending", MAX_PARSER_CALLS)
+def test_the_calls_that_parsing_takes(tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(12):
+        write(tmp_path, ending, number)
+    calls: list[int] = []
+
+    def count(frame: FrameType, event: str, argument: Any) -> None:
+        calls[-1] += event == "call" and frame.f_code.co_filename.startswith(FLOORS)
+
+    def call(process: object, read: Callable[..., Samples], data: bytes, name: str, *arguments: Any) -> Samples:
+        calls.append(0)
+        sys.setprofile(count)
+        try:
+            return read(data, name, *arguments)
+        finally:
+            sys.setprofile(None)
+
+    monkeypatch.setattr(ReaderProcess, "call", call)
+    assert all(isinstance(item, Block) for item in items(tmp_path, ending))
+    assert sum(calls[-10:]) / 10 <= MAX_PARSER_CALLS[ending]
 
 
 @pytest.mark.process
