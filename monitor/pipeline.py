@@ -271,10 +271,14 @@ class Pipeline:
 
     def _failed(self, item: Block | Rejected, error: Exception) -> SourceOutput:
         """Return the output of a block that cannot be analysed or stored: that of a rejection in its place."""
-        reason = f"the analysis failed: {type(error).__name__}: {error}"
+        status, reason = "unreadable", f"the analysis failed: {type(error).__name__}: {error}"
         known = item.source in self._analysis_errors
+        if isinstance(error, MemoryError) and isinstance(item, Block):
+            # The place where it ran out says nothing; the block may be analysed where there is more.
+            status, known = "refused", True
+            reason = f"there is not enough memory to analyse its {item.samples.nbytes} bytes of samples"
         _LOG.error("%s: block %d: %s", item.source, item.sequence, reason, exc_info=None if known else error)
-        rejection = rejection_of(item, "unreadable", reason)
+        rejection = rejection_of(item, status, reason)
         self._analysis_errors[item.source] = f"block {item.sequence}: {rejection.reason}"
         try:
             return self.take(rejection)

@@ -228,6 +228,8 @@ class Loader:
             return samples
         except NoRoomError:
             raise
+        except MemoryError as error:
+            raise ReaderError("refused", f"{name}: there is not enough memory for its {len(raw)} bytes") from error
         except Exception as error:
             if isinstance(raw, FileBytes) and raw.is_changed:
                 raise changed_error(name) from error

@@ -31,7 +31,7 @@ from streams.types.listing import Stat, is_likely_same, natural_key, shown, unsh
 from streams.types.source import ACCEPTED, PENDING, POISONED, RELEASED, Backlog, FileProgress, Ledger
 
 MAX_COMPARED = 512
-"""Files that are done whose names are compared with those that wait."""
+"""Files that are done, and of those that wait first and last, whose names are compared at first."""
 
 
 class Register:
@@ -70,6 +70,8 @@ class Register:
         self._lock = threading.Lock()
         self._copying = CopyDetector(settle_s, now)
         self._taken: Order | None = None
+        self.entered = 0
+        """How many files have come, those of before the start included: their names are judged when more have."""
         counts = ledger.file_counts(source)
         self._accepted = counts.pop(ACCEPTED, 0)
         for waits in (PENDING, RELEASED):
@@ -152,9 +154,13 @@ class Register:
         """Return the paths of the files that wait or are done."""
         return [*self.waiting, *self._done]
 
-    def recent_paths(self) -> list[str]:
-        """Return the paths of the files that wait, and of some that are done."""
-        here = (path for path, entry in self.waiting.items() if entry.state.absent is None)
+    def recent_paths(self, *, sampled: bool = False) -> list[str]:
+        """Return the paths of the files that wait, ``sampled`` of some of them, and of some that are done."""
+        waiting = self.waiting.items()
+        if sampled and len(waiting) > 2 * MAX_COMPARED:
+            last = itertools.islice(reversed(waiting), MAX_COMPARED)
+            waiting = [*itertools.islice(waiting, MAX_COMPARED), *last]
+        here = (path for path, entry in waiting if entry.state.absent is None)
         return [*here, *itertools.islice(reversed(self._done), MAX_COMPARED)]
 
     def taken_paths(self) -> list[str]:
@@ -203,6 +209,7 @@ class Register:
         with self._lock:
             self._count(counted, -1)
             self.waiting[path] = entry
+        self.entered += 1
         if order:
             self._copying.note(order, now)
         self.tell(entry, Retried())

@@ -81,6 +81,7 @@ class FolderSource(LiveSource):
         self._problem: str | None = None
         self._unknown: str | None = None
         self._named: list[str] = []
+        self._judged = -1
         self._tried: dict[str, Stat] = {}
         self._retry = 0.0
         self._next_scan = 0.0
@@ -343,9 +344,15 @@ class FolderSource(LiveSource):
         """Return whether the names of the files are those of several channels, which is a problem then."""
         if self._spec.files or not data_set.plain:
             return False
-        paths = self._register.recent_paths()
+        register = self._register
+        if self._unknown is None and register.entered == self._judged:
+            return False
+        self._judged, paths = register.entered, register.recent_paths(sampled=True)
         if paths != self._named:
             self._named, groups = paths, name_groups(paths)
+            if groups is not None:
+                # A sample of a long row has names without their counterparts.
+                groups = name_groups(register.recent_paths())
             mixed = None if groups is None or not groups.is_certain else f"{self._root}: {groups.words}"
             if groups is not None and self._unknown is None:
                 _LOG.warning("source %s: %s: %s", self.name, self._root, groups.words)

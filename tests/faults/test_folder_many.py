@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from streams.files.groups import NameGroups, name_groups
+from streams.folder.register import MAX_COMPARED
 from streams.types.block import Block, Rejected
 from tests.streams.folders import Rig
 from tests.support.effort import effort_count
@@ -75,3 +79,26 @@ def test_files_that_arrive_while_the_handler_is_slow_and_events_are_lost(tmp_pat
         pass
     assert verdicts_of(rig) == expected(COUNT)
     assert rig.source.backlog().offered == COUNT
+
+
+def test_a_block_costs_the_same_however_many_files_wait(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names are compared when files come, and of a long row a sample: no block goes through all that wait."""
+    compared: list[int] = []
+
+    def counted(paths: Sequence[str]) -> NameGroups | None:
+        compared.append(len(paths))
+        return name_groups(paths)
+
+    monkeypatch.setattr("streams.folder.source.name_groups", counted)
+    waiting = effort_count(quick=3000, full=20_000)
+    for number in range(waiting):
+        (tmp_path / f"f{number:06d}.csv").write_text(f"0.5\n{number}.25\n-1.5\n")
+    rig = Rig(tmp_path, format="csv", settle_s=20.0)
+    while not rig.items:
+        rig.run(30.0, most=1)
+    assert max(compared) <= 3 * MAX_COMPARED
+    compared.clear()
+    rig.run(300.0, most=40)
+    assert len(rig.items) > 20
+    assert compared == []
+    assert rig.source.backlog().pending == waiting - len(rig.items)
