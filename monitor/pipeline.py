@@ -274,8 +274,7 @@ class Pipeline:
         status, reason = "unreadable", f"the analysis failed: {type(error).__name__}: {error}"
         known = item.source in self._analysis_errors
         if isinstance(error, MemoryError) and isinstance(item, Block):
-            # The place where it ran out says nothing; the block may be analysed where there is more.
-            status, known = "refused", True
+            status, known = "refused", True  # Where it ran out says nothing.
             reason = f"there is not enough memory to analyse its {item.samples.nbytes} bytes of samples"
         _LOG.error("%s: block %d: %s", item.source, item.sequence, reason, exc_info=None if known else error)
         rejection = rejection_of(item, status, reason)
