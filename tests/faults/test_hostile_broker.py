@@ -8,10 +8,12 @@ import threading
 import time
 import tracemalloc
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import pytest
 
+from monitor.config.outputs import MqttSection
+from monitor.service.notify.channels import Message, MqttChannel, NotifyError
 from streams.link.mqtt import MqttReceiver
 from streams.link.wire import block_frame, encode_frame
 from streams.types.block import Rejected
@@ -19,7 +21,7 @@ from streams.types.spec import NetworkSpec, SourceSpec
 from tests.streams.tcp_peers import block
 from tests.support.committing import committing
 from tests.support.effort import effort_count
-from tests.support.hostile_broker import ACCEPTED, PUBACK, HostileBroker, Session, head, packet, publish
+from tests.support.hostile_broker import ACCEPTED, PUBACK, PUBLISH, HostileBroker, Session, head, packet, publish
 from tests.support.memory_ledger import MemoryLedger
 from tests.support.waiting import wait_until
 
@@ -79,47 +81,47 @@ def answers(data: bytes) -> Attack:
 
 
 NAME = struct.pack("!H", len(TOPIC)) + TOPIC.encode()
-MALFORMED: dict[str, Attack] = {
-    "no length": sends(b"\x32" + b"\xff" * 5),
-    "a kind that is none": sends(b"\x00\x00\xf0\x00"),
-    "a topic longer than the packet": sends(packet(0x32, b"\xff\xff" + b"x" * 9)),
-    "no topic": sends(packet(0x32, b"")),
-    "no number": sends(packet(0x32, NAME)),
-    "half a number": sends(packet(0x32, NAME + b"\x00")),
-    "number 0": sends(publish(TOPIC, frame(1), mid=0)),
-    "a topic that is not UTF-8": sends(publish(b"\xff\xfe/press", frame(1))),
-    "an empty topic": sends(publish("", frame(1))),
-    "a topic with wildcards": sends(publish("plant/#", frame(1))),
-    "QoS 3": sends(publish(TOPIC, frame(1), qos=3)),
-    "QoS 2, not asked for": sends(publish(TOPIC, frame(1), qos=2)),
-    "PUBREL of a message that never came": sends(packet(0x62, b"\x00\x07")),
-    "PUBACK of what was never sent": sends(packet(0x40, b"\x01\x00") * 3),
-    "PUBREC of what was never sent": sends(packet(0x50, b"\x01\x00")),
-    "an empty PUBACK": sends(packet(0x40, b"")),
-    "a second CONNACK": sends(ACCEPTED * 2),
-    "a refusal amid the session": sends(b"\x20\x02\x00\x05"),
-    "SUBACK of nothing": sends(packet(0x90, b"")),
-    "SUBACK that refuses": sends(packet(0x90, b"\x00\x01\x80")),
-    "UNSUBACK": sends(packet(0xB0, b"\x00\x01")),
-    "packets of a client": sends(packet(0x82, b"\x00\x01\x00\x01#\x01") + packet(0xC0, b"")),
-    "DISCONNECT of version 5, session taken over": sends(packet(0xE0, b"\x8e\x00")),
-    "DISCONNECT of version 5, quota exceeded": sends(packet(0xE0, b"\x97\x00")),
-    "AUTH of version 5": sends(packet(0xF0, b"\x18\x00")),
-    "PUBLISH of version 5 with a topic alias": sends(packet(0x32, b"\x00\x00\x00\x01\x03\x23\x00\x01" + frame(1))),
-    "CONNACK of version 5": answers(packet(0x20, b"\x00\x00\x06\x21\x00\x01\x22\x00\x0a")),
-    "CONNACK without a code": answers(b"\x20\x00"),
-    "CONNACK with half a code": answers(b"\x20\x01\x00"),
-    "CONNACK with a code that is none": answers(b"\x20\x02\x00\xfe"),
-    "CONNACK: another version": answers(b"\x20\x02\x00\x01"),
-    "a page in place of CONNACK": answers(b"HTTP/1.1 400 Bad Request\r\n\r\n"),
-    "a frame before CONNACK": answers(publish(TOPIC, frame(1)) + ACCEPTED),
+MALFORMED: dict[str, tuple[Callable[[bytes], Attack], bytes]] = {
+    "no length": (sends, b"\x32" + b"\xff" * 5),
+    "a kind that is none": (sends, b"\x00\x00\xf0\x00"),
+    "a topic longer than the packet": (sends, packet(0x32, b"\xff\xff" + b"x" * 9)),
+    "no topic": (sends, packet(0x32, b"")),
+    "no number": (sends, packet(0x32, NAME)),
+    "half a number": (sends, packet(0x32, NAME + b"\x00")),
+    "number 0": (sends, publish(TOPIC, frame(1), mid=0)),
+    "a topic that is not UTF-8": (sends, publish(b"\xff\xfe/press", frame(1))),
+    "an empty topic": (sends, publish("", frame(1))),
+    "a topic with wildcards": (sends, publish("plant/#", frame(1))),
+    "QoS 3": (sends, publish(TOPIC, frame(1), qos=3)),
+    "QoS 2, not asked for": (sends, publish(TOPIC, frame(1), qos=2)),
+    "PUBREL of a message that never came": (sends, packet(0x62, b"\x00\x07")),
+    "PUBACK of what was never sent": (sends, packet(0x40, b"\x01\x00") * 3),
+    "PUBREC of what was never sent": (sends, packet(0x50, b"\x01\x00")),
+    "an empty PUBACK": (sends, packet(0x40, b"")),
+    "a second CONNACK": (sends, ACCEPTED * 2),
+    "a refusal amid the session": (sends, b"\x20\x02\x00\x05"),
+    "SUBACK of nothing": (sends, packet(0x90, b"")),
+    "SUBACK that refuses": (sends, packet(0x90, b"\x00\x01\x80")),
+    "UNSUBACK": (sends, packet(0xB0, b"\x00\x01")),
+    "packets of a client": (sends, packet(0x82, b"\x00\x01\x00\x01#\x01") + packet(0xC0, b"")),
+    "DISCONNECT of version 5, session taken over": (sends, packet(0xE0, b"\x8e\x00")),
+    "DISCONNECT of version 5, quota exceeded": (sends, packet(0xE0, b"\x97\x00")),
+    "AUTH of version 5": (sends, packet(0xF0, b"\x18\x00")),
+    "PUBLISH of version 5 with a topic alias": (sends, packet(0x32, b"\x00\x00\x00\x01\x03\x23\x00\x01" + frame(1))),
+    "CONNACK of version 5": (answers, packet(0x20, b"\x00\x00\x06\x21\x00\x01\x22\x00\x0a")),
+    "CONNACK without a code": (answers, b"\x20\x00"),
+    "CONNACK with half a code": (answers, b"\x20\x01\x00"),
+    "CONNACK with a code that is none": (answers, b"\x20\x02\x00\xfe"),
+    "CONNACK: another version": (answers, b"\x20\x02\x00\x01"),
+    "a page in place of CONNACK": (answers, b"HTTP/1.1 400 Bad Request\r\n\r\n"),
+    "a frame before CONNACK": (answers, publish(TOPIC, frame(1)) + ACCEPTED),
 }
 
 
 @pytest.mark.parametrize("name", MALFORMED)
 def test_after_malformed_packets_it_goes_on_and_each_block_is_committed_once(name: str) -> None:
-    ledger = MemoryLedger()
-    with HostileBroker(MALFORMED[name], then=go_on) as broker, tended(broker, ledger) as receiver:
+    ledger, (attack, data) = MemoryLedger(), MALFORMED[name]
+    with HostileBroker(attack(data), then=go_on) as broker, tended(broker, ledger) as receiver:
         with committing(receiver, ledger) as items:
             begin = time.monotonic()
             wait_until(lambda: {1, 2} <= set(ledger.blocks("press")), stalled_after=2 * GOES_ON_S)
@@ -127,6 +129,27 @@ def test_after_malformed_packets_it_goes_on_and_each_block_is_committed_once(nam
             wait_until(lambda: receiver.backlog().pending == 0)
         assert [item.sequence for item in items if not isinstance(item, Rejected)] == [1, 2]
         assert receiver.restarts()[0].failures == 0
+
+
+@pytest.mark.parametrize("name", MALFORMED)
+def test_a_notification_is_confirmed_or_fails_and_the_next_one_is_published(name: str) -> None:
+    attack, data = MALFORMED[name]
+
+    def accepted(session: Session) -> None:
+        session.connected(data if attack is answers else ACCEPTED)
+        session.send(data)
+
+    def good(session: Session) -> None:
+        session.connected()
+
+    with HostileBroker(accepted, good) as broker:
+        channel = MqttChannel(MqttSection(url=f"mqtt://127.0.0.1:{broker.port}/alarms"))
+        begin = time.monotonic()
+        with suppress(NotifyError):
+            channel.send(Message("first", "text"))
+        assert time.monotonic() - begin < 3 * GOES_ON_S
+        channel.send(Message("second", "text"))
+    assert sum(b'"second"' in body for first, body in broker.got if first & 0xF0 == PUBLISH) == 1
 
 
 def test_random_packets_end_no_receiver() -> None:

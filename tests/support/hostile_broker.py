@@ -114,7 +114,7 @@ class Session:
         return found
 
     def read(self) -> int:
-        """Read a packet, answer a ping and a subscription; return its kind."""
+        """Read a packet, answer a ping, a message and a subscription; return its kind."""
         first, length, shift = self._bytes(1)[0], 0, 0
         while True:
             digit = self._bytes(1)[0]
@@ -126,6 +126,9 @@ class Session:
         kind = first & 0xF0
         if kind == SUBSCRIBE:
             self.socket.sendall(packet(0x90, body[:2] + (b"\x80" if self.refuses else b"\x01")))
+        elif kind == PUBLISH and first & 0x06:
+            topic = int.from_bytes(body[:2], "big")
+            self.socket.sendall(packet(PUBACK, body[2 + topic : 4 + topic]))
         elif kind == PINGREQ:
             self.socket.sendall(b"\xd0\x00")
         return kind

@@ -71,7 +71,9 @@ RULES: dict[str, DoubtRule] = {
     "damage": DoubtRule("`track`", "map, library or unit missing; of a velocity", "rig not calibrated"),
     "rig": DoubtRule("`[rig]`", "", "unproven claims"),
     "place": DoubtRule("`url`", "folder does not exist", "empty, partly closed, or a recording"),
-    "access": DoubtRule("`tcp://`, `mqtt://`", "no key, unusable files", "`peers` without key, weak key"),
+    "access": DoubtRule(
+        "`tcp://`, `mqtt://`", "no key, unusable files", "`peers` without key, weak key, bare password"
+    ),
     "extra": DoubtRule("`[publish]`, `[notify]`, `opcua`", "packages missing"),
     "unit_unknown": DoubtRule("`unit`", "", "unknown: no end of life"),
     "no_speed": DoubtRule("`speed_hz`", "stated nowhere", "left to recordings"),

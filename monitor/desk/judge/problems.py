@@ -146,6 +146,9 @@ def _access(subject: JudgedConfig, at: int, source: SourceSection) -> Iterator[D
     if address.scheme == "mqtt" and source.username_file is None and source.cert_file is None:
         came = "nothing proves to the broker who publishes or reads; give username_file or cert_file"
         yield subject.doubt("access", "warning", ("source", at, "username_file"), "a proof of identity", came)
+    if address.scheme == "mqtt" and source.password_file is not None and source.ca_file is None:
+        came = "the password goes to the broker in the clear; give ca_file"
+        yield subject.doubt("access", "warning", ("source", at, "ca_file"), "an encrypted connection", came)
 
 
 def _unlearned_levels(subject: JudgedConfig) -> Iterator[Doubt]:

@@ -66,6 +66,10 @@ def test_check_says_who_may_send_without_proof(tmp_path: Path) -> None:
     assert "tls_cert_file, tls_key_file cannot be used" in problems(**everywhere, stream_key_file=str(key), **tls)
     assert "who publishes" in problems(url="mqtt://broker/plant/press")
     assert problems(url="mqtt://broker/plant/press", username_file="user") == ""
+    secret = {"username_file": "user", "password_file": "secret"}
+    assert "password goes to the broker in the clear" in problems(url="mqtt://broker/plant/press", **secret)
+    assert problems(url="mqtt://broker/plant/press", ca_file="ca", **secret) == ""
+    assert problems(url="mqtt://127.0.0.1/plant/press", **secret) == ""
 
 
 @pytest.mark.parametrize(

@@ -35,10 +35,11 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> Certificate:
 
 
 @pytest.fixture(scope="module")
-def others(tmp_path_factory: pytest.TempPathFactory) -> tuple[Certificate, Certificate]:
-    """A certificate of another authority, and one of another host."""
+def others(tmp_path_factory: pytest.TempPathFactory) -> tuple[Certificate, ...]:
+    """A certificate of another authority, one of another host, and one that has ended."""
     folder = tmp_path_factory.mktemp("others")
-    return make_certificate(folder, "stranger"), make_certificate(folder, "elsewhere", "DNS:elsewhere.example")
+    elsewhere = make_certificate(folder, "elsewhere", "DNS:elsewhere.example")
+    return make_certificate(folder, "stranger"), elsewhere, make_certificate(folder, "ended", expired=True)
 
 
 @pytest.fixture
@@ -118,16 +119,16 @@ def test_an_email_is_encrypted_and_the_password_never_in_the_clear(
 
 @pytest.mark.process
 @pytest.mark.parametrize("security", ["starttls", "tls"])
-@pytest.mark.parametrize("other", [0, 1])
+@pytest.mark.parametrize("other", [0, 1, 2])
 def test_a_mail_server_with_a_wrong_certificate_gets_nothing(
-    others: tuple[Certificate, Certificate],
+    others: tuple[Certificate, ...],
     certificate: Certificate,
     secrets: tuple[Path, Path],
     security: str,
     other: int,
 ) -> None:
-    # Of another authority; and of the right one, but for another host.
-    ca_file = (certificate, others[1])[other].cert
+    # Of another authority; and of the right one, but for another host, or ended.
+    ca_file = (certificate, *others[1:])[other].cert
     server = Mail(certificate=others[other], tls=security == "tls", login=("press", SECRET))
     keys = {"ca_file": ca_file, "username_file": secrets[0], "password_file": secrets[1]}
     with server.serving(), pytest.raises(NotifyError, match="certificate verify failed"):
@@ -216,13 +217,13 @@ def test_missing_files_are_known_before_they_are_needed(tmp_path: Path) -> None:
 
 
 @pytest.mark.process
-@pytest.mark.parametrize("other", [0, 1])
+@pytest.mark.parametrize("other", [0, 1, 2])
 def test_a_webhook_with_a_wrong_certificate_gets_nothing(
-    tmp_path: Path, certificate: Certificate, others: tuple[Certificate, Certificate], other: int
+    tmp_path: Path, certificate: Certificate, others: tuple[Certificate, ...], other: int
 ) -> None:
     token = tmp_path / "token"
     token.write_text(f"{SECRET}\n")
-    ca_file = (certificate, others[1])[other].cert
+    ca_file = (certificate, *others[1:])[other].cert
     with Hook(certificate=others[other]).serving() as server:
         for keys in ({"ca_file": ca_file}, {}):
             with pytest.raises(NotifyError, match="certificate verify failed") as refused:
@@ -243,7 +244,7 @@ def test_mqtt_publishes_and_knows_that_the_broker_has_it(tmp_path: Path) -> None
 @pytest.mark.filterwarnings("ignore:Exception ignored in.*SSLSocket:pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.broker
 def test_mqtt_is_encrypted_and_asks_who_it_is(
-    tmp_path: Path, certificate: Certificate, others: tuple[Certificate, Certificate], secrets: tuple[Path, Path]
+    tmp_path: Path, certificate: Certificate, others: tuple[Certificate, ...], secrets: tuple[Path, Path]
 ) -> None:
     passwords = tmp_path / "passwords"
     subprocess.run(["mosquitto_passwd", "-b", "-c", passwords, "press", SECRET], check=True, capture_output=True)

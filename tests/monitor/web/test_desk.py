@@ -65,7 +65,10 @@ def test_folders_are_listed_below_the_configured_ones_alone(served: tuple[Page, 
 def test_nothing_outside_is_read_or_told_to_exist(served: tuple[Page, Path, Path]) -> None:
     page, root, _ = served
     outside = [root.parent / "secret", root / ".." / "secret", root.parent / "none", "/etc/passwd", "", "a\0b",
-               root / "linked" / "out", root / "linked" / "file.npy", root / "linked"]  # fmt: skip
+               root / "linked" / "out", root / "linked" / "file.npy", root / "linked",
+               # Nothing is fetched: an admin reaches no other computer, nor what only this one reaches.
+               "http://169.254.169.254/latest/meta-data/", "https://127.0.0.1/x.csv", "http://[::1]:8710/", "s3://bucket/x",
+               f"file://{root}/press", "tcp://127.0.0.1:5777", "dataset:ims:http://10.0.0.1/", "rig:x"]  # fmt: skip
     for path in outside:
         reply = look(page, path)
         assert reply.status == 403, (path, reply.body)
