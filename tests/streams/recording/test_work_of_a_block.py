@@ -27,7 +27,7 @@ FLOORS = tuple(f"{ROOT / floor}/" for floor in ("models", "streams", "spallwatch
 RATE = 1000.0
 MAX_CALLS = {"npy": 166, "wav": 187, "tdms": 176, "csv": 174}
 """Of functions and generators of the program for a block of a folder, the child that parses it apart, by ending."""
-MAX_PARSER_CALLS = {"wav": 24, "tdms": 175, "csv": 331}
+MAX_PARSER_CALLS = {"wav": 24, "tdms": 186, "csv": 345}
 """The same of the child, but for what is between the processes."""
 
 
