@@ -290,6 +290,11 @@ class Numbering:
         own = samples_hash(samples.values, samples.known_rate, samples.channels)
         return self.block(samples, name_of_recording(name, samples.number), own)
 
+    def torn(self, samples: Samples, name: str) -> Iterator[Rejected]:
+        """Yield a rejection for each recording of a file that broke off, to be noted before the next."""
+        for number, reason in enumerate(samples.torn, len(samples.recordings) + 1):
+            yield self.rejected(name_of_recording(name, number), ReaderError("incomplete", reason), "")
+
     def rejected(self, name: str, error: ReaderError, digest: str, number: int | None = None) -> Rejected:
         """Return a rejection, under the next number by default."""
         number = self.highest + 1 if number is None else number

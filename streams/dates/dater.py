@@ -251,10 +251,12 @@ class Dater:
     def _header_stamp(self, samples: Samples, path: str) -> Stamp | None:
         """Return the open stamp of a header, by the order that its name or the folders above confirm."""
         stamp = None if samples.stamp is None else read_stamp(samples.stamp, self._spec.timezone)
+        if stamp is None:
+            return None
         named = self._name_stamp(path)
         other = None if named is None else named.fixed
         other = self._day(path) if other is None else other
-        if stamp is None or other is None:
+        if other is None:
             return stamp
         near: list[Order] = [
             order for order in stamp.orders if abs((stamp.at(order) or 0.0) - other) <= DAY + _MAX_OFFSET_S

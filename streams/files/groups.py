@@ -299,13 +299,14 @@ def joined(parts: Sequence[Samples], labels: Sequence[str], paths: Sequence[str]
     Raises:
         ReaderError: ``wrong_rate`` or ``wrong_shape`` where rates, lengths or starts differ; it quotes both.
     """
-    if any(part.following for part in parts):
+    if any(part.following or part.torn for part in parts):
         counts = {len(part.recordings) for part in parts}
         if len(counts) > 1:
             reason = f"files that are read together hold different numbers of recordings: {sorted(counts)}"
             raise ReaderError("wrong_shape", f"{paths[0]}: {reason}")
-        both = zip(*(part.recordings for part in parts), strict=True)
-        return one_after_another([joined(of_one_time, labels, paths) for of_one_time in both])
+        both = zip(*([replace(one, torn=()) for one in part.recordings] for part in parts), strict=True)
+        torn = [f"{path}: {reason}" for path, part in zip(paths, parts, strict=True) for reason in part.torn]
+        return one_after_another([joined(of_one_time, labels, paths) for of_one_time in both], torn)
     first, rate = parts[0], parts[0].rate
     for path, part in zip(paths[1:], parts[1:], strict=True):
         rate = joint_rate(((paths[0], rate), (path, part.rate)), paths[0])

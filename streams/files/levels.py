@@ -31,17 +31,18 @@ def rows_as_stored(
         if samples.sensitivities[row] is None and samples.count_scales[row] is None:
             continue
         told = f"{where}: channel {channel.name}"
-        level = None if samples.open_gain else samples.sensitivities[row]
-        own, size = multiple_of(samples.units[row])
-        in_volts = None if level is None else level.millivolts
-        _check_quantity(samples.sensitivities[row], own, channel, told)
+        level, in_volts, of_volts = samples.sensitivities[row], None, None
+        if level is not None:
+            own, size = multiple_of(samples.units[row])
+            _check_quantity(level, own, channel, told)
+            in_volts = None if samples.open_gain else level.millivolts
+            of_volts = 1e3 * size / level.millivolts if in_volts and own == "V" and channel.unit == VELOCITY else None
         of_one_g = STANDARD_GRAVITY if channel.unit == "m/s2" else 1.0
         is_fraction = samples.stored[row] == FRACTIONS
-        of_volts = channel.scale if own == "V" and channel.unit == VELOCITY else None
         scale = None if channel.scale is None or channel.unit not in ("g", "m/s2") else channel.scale / of_one_g
         for key, unit, stated, given in (
             ("sensitivity_mv_per_g", "mV/g", in_volts, channel.sensitivity_mv_per_g),
-            ("scale", f"mm/s a {samples.units[row]}", in_volts and 1e3 * size / in_volts, of_volts),
+            ("scale", f"mm/s a {samples.units[row]}", of_volts, channel.scale),
             ("scale", "g a count", samples.count_scales[row], scale),
             ("range_g", "g at full scale", samples.count_scales[row] if is_fraction else None, range_g),
         ):
@@ -55,10 +56,10 @@ def rows_as_stored(
     )
 
 
-def _check_quantity(level: Sensitivity | None, own: str, channel: ChannelSpec, told: str) -> None:
+def _check_quantity(level: Sensitivity, own: str, channel: ChannelSpec, told: str) -> None:
     """Refuse a channel of a row in ``own`` unit whose sensitivity is one of another quantity."""
     quantity = {"V": "g", "g": "g", "m/s2": "g", VELOCITY: VELOCITY}.get(channel.unit or "")
-    if own == "V" and level is not None and quantity not in (None, level.unit):
+    if own == "V" and quantity not in (None, level.unit):
         meant, stated = (
             f"{'a velocity' if unit == VELOCITY else 'an acceleration'}" for unit in (quantity, level.unit)
         )

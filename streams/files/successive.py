@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -21,20 +21,22 @@ _NAMED = "starttime#by the name of its group"
 HOW_TO_SPLIT = "write each of its recordings to a file of its own"
 
 
-def successive(parts: Sequence[tuple[str, Samples]], name: str, zone: str) -> Samples:
+def successive(parts: Sequence[tuple[str, Samples]], name: str, zone: str, torn: Sequence[str] = ()) -> Samples:
     """Return the recordings of a file, each with what is stated of it alone, in order of time.
 
     Args:
         parts: place of each in the file in words ("the segment in line 12"), and its samples.
         name: of the file in messages.
         zone: IANA name of the zone of stamps that name none.
+        torn: of each recording that broke off and is left out, where it is, and why.
 
     Raises:
         ReaderError: ``wrong_shape`` where one has other channels than the first, no start, or begins before the one
             before it has ended.
     """
     (first_place, first), *others = parts
-    told = f"{name}: holds {len(parts)} recordings (the second is {others[0][0]})"
+    second = others[0][0] if others else "left out"
+    told = f"{name}: holds {len(parts) + len(torn)} recordings (the second is {second})"
     for place, samples in others:
         if samples.names != first.names:
             ours, theirs = (", ".join(each.names)[:100] for each in (first, samples))
@@ -48,7 +50,7 @@ def successive(parts: Sequence[tuple[str, Samples]], name: str, zone: str) -> Sa
         samples if samples.values.dtype == kind else replace(samples, values=samples.values.astype(kind))
         for _, samples in parts
     )
-    return one_after_another(list(of_one_type))
+    return one_after_another(list(of_one_type), torn)
 
 
 def check_order(parts: Sequence[tuple[str, Samples]], told: str, zone: str) -> None:
@@ -76,6 +78,7 @@ def recordings_of(
     parted: Callable[[StatedRow], tuple[str, str]],
     dated: Callable[[Facts, str], list[Start]] = starts_of,
     kind: str = "group",
+    torn: Mapping[str, str] | None = None,
 ) -> Samples | None:
     """Return the groups of a file as recordings where all hold the same channels and their starts differ, else None.
 
@@ -87,10 +90,28 @@ def recordings_of(
         parted: gives the group of a row, and its name in it.
         dated: gives what is stated of a row of the time of the first sample.
         kind: of the groups in messages.
+        torn: why groups broke off: those are left out, if they would be recordings were they whole.
 
     Raises:
-        ReaderError: as ``read``, and as :func:`successive`.
+        ReaderError: as ``read``, and as :func:`successive`; ``incomplete`` where no group is left, or what broke off
+            may be no recording of its own.
     """
+    found = _recordings_of(rows, name, zone, read, parted, dated, kind, torn or {})
+    if found is None and torn:
+        raise ReaderError("incomplete", next(iter(torn.values())))
+    return found
+
+
+def _recordings_of(
+    rows: Sequence[StatedRow],
+    name: str,
+    zone: str,
+    read: Callable[[Sequence[StatedRow]], Samples],
+    parted: Callable[[StatedRow], tuple[str, str]],
+    dated: Callable[[Facts, str], list[Start]],
+    kind: str,
+    torn: Mapping[str, str],
+) -> Samples | None:
     groups: dict[str, list[StatedRow]] = {}
     for row in rows:
         title, short = parted(row)
@@ -113,9 +134,11 @@ def recordings_of(
     apart = max(starts.values()) - min(starts.values())
     if not apart:
         return None
-    titles = sorted(starts, key=lambda title: starts[title])
+    titles = sorted(starts.keys() - torn, key=lambda title: starts[title])
+    if not titles or any(starts[title] == starts[other] for title in torn for other in titles):
+        return None
     try:
-        return successive([(f"{kind} {title}", read(groups[title])) for title in titles], name, zone)
+        return successive([(f"{kind} {title}", read(groups[title])) for title in titles], name, zone, [*torn.values()])
     except ReaderError:
         if apart > _SAME_START_S:
             raise

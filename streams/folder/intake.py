@@ -197,8 +197,7 @@ class Intake:
             if result is None:
                 self._register.tell(entry, Retried())
                 return None
-            if now - entry.state.changed < MAX_INCOMPLETE_S and not entry.state.closed and is_open_wav(raw.data):
-                raise ReaderError("incomplete", f"{entry.path}: its header does not state where its samples end")
+            self._check_written(entry, raw, result, now)
             changed, growing = raw.progress.mtime_ns / 1e9, self._is_growing(entry)
             samples = self._loader.date(result, entry.path, facts, changed, whole=not growing)
         except UnfinishedError as error:
@@ -224,6 +223,17 @@ class Intake:
             return None
         self._inquiry.add(raw.progress.content_hash, entry)
         return entry, raw, facts, samples
+
+    def _check_written(self, entry: FileEntry, raw: Raw, samples: Samples, now: float) -> None:
+        """Raise ReaderError ``incomplete`` where what is missing may still be written."""
+        if now - entry.state.changed < MAX_INCOMPLETE_S and not entry.state.closed and is_open_wav(raw.data):
+            raise ReaderError("incomplete", f"{entry.path}: its header does not state where its samples end")
+        if samples.torn:
+            broken = ReaderError("incomplete", samples.torn[0])
+            waits = self._is_growing(entry) or next_attempt(entry.state, broken, self._spec.settle_s, now) is not None
+            # Nor is a recording left out of which blocks came while it was written.
+            if waits or entry.state.fed > samples.total:
+                raise broken
 
     def _is_growing(self, entry: FileEntry) -> bool:
         """Return whether a file may get longer, and is read before it is whole."""
@@ -322,18 +332,22 @@ class Intake:
     def _emit(self, entry: FileEntry, raw: Raw, facts: FileFacts, samples: Samples) -> Iterator[None]:
         """Deliver the blocks of a file; yield after each."""
         done = min(entry.state.fed, samples.total)
-        self._register.tell(entry, Emitted(raw.progress, samples.total, self._reblocker is not None))
+        # Behind its samples a file with recordings that broke off has their rejection.
+        total = samples.total + bool(samples.torn)
+        self._register.tell(entry, Emitted(raw.progress, total, self._reblocker is not None))
         self._latest_order = entry.order if self._latest_order is None else max(self._latest_order, entry.order)
         if self._reblocker is None:
             number = self._number_of(entry, facts)
-            several = bool(samples.following)
+            several = bool(samples.following or samples.torn)
             for one in samples.recordings:
                 if not several or one.end > done:
-                    verdict = ACCEPTED if one.end == samples.total else PENDING
+                    verdict = ACCEPTED if one.end == total else PENDING
                     progress = replace(raw.progress, samples=one.end, verdict=verdict)
                     digest = raw.progress.content_hash
                     block = self._numbers.whole(one, entry.key, digest, number, of_several=several)
                     self._deliver(block, [(entry, progress)])
+            if samples.torn:
+                self._deliver_torn(entry, raw, samples)
             return
         for one in samples.recordings:
             if one.end > done or one.end == samples.total:
@@ -343,10 +357,22 @@ class Intake:
         if (samples.start is None or not samples.joins) and not self._grows:
             # The start of the next file is unknown, so it cannot be joined to this one.
             yield from self._deliver_cuts(self._reblocker.flush())
+        if samples.torn:
+            self._flush()
+            self._deliver_torn(entry, raw, samples)
         if raw.progress.is_part:
             self._register.await_end(entry)
         else:
             self._mark_delivered(entry)
+
+    def _deliver_torn(self, entry: FileEntry, raw: Raw, samples: Samples) -> None:
+        """Deliver the rejections of recordings that broke off, with the last of which the file is done."""
+        base, left = entry.state.base, len(samples.torn)
+        verdict = ACCEPTED if self._reblocker is None or entry.state.blocks or (base and base.samples) else "short"
+        for item in self._numbers.torn(samples, entry.key):
+            left -= 1
+            progress = replace(raw.progress, samples=samples.total, verdict=PENDING if left else verdict)
+            self._deliver(item, [(entry, progress)])
 
     def _flush_late(self, now: float) -> bool:
         """Cut off samples that have waited too long for more."""

@@ -37,8 +37,10 @@ class Raw:
     progress: FileProgress
 
     def is_more_of(self, known: FileProgress) -> bool:
-        """Return whether it begins with all the known bytes of another file, or equals it."""
-        if known.content_hash == self.progress.content_hash:
+        """Return whether it begins with all the known bytes of another file, equals it, or is of the same file."""
+        own = self.progress
+        is_same = (known.size, known.mtime_ns, known.inode) == (own.size, own.mtime_ns, own.inode)
+        if known.content_hash == own.content_hash or is_same:
             return True
         longer = 0 < known.read_bytes < len(self.data)
         return longer and content_hash(self.data[: known.read_bytes]) == known.content_hash

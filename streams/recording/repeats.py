@@ -41,6 +41,11 @@ class Loaded:
         return name_of_recording(shown(self.path), 1 if isinstance(self.result, ReaderError) else self.result.number)
 
     @property
+    def is_refused(self) -> bool:
+        """Whether there are no samples."""
+        return isinstance(self.result, ReaderError)
+
+    @property
     def recordings(self) -> list[Loaded]:
         """The recordings of the file, each alone; the error alone."""
         if isinstance(self.result, ReaderError):

@@ -285,22 +285,26 @@ class Recording:
                 items: Iterable[Block | Rejected] = (reading.numbers.cut(part),)
             else:
                 number = part.facts.number if self._block_s is None else None
-                if isinstance(part.result, ReaderError):
+                if isinstance(part.result, Samples) and reading.cutter is not None:
+                    items = reading.numbers.torn(part.result, part.name)
+                elif isinstance(part.result, ReaderError):
                     again = part.repeats or number
                     items = (reading.numbers.rejected(part.name, part.result, part.digest, again),)
                 else:
                     items = self._blocks_of(part, reading, number)
             for place, item in enumerate(items):
-                if isinstance(part, Loaded) and not place:
+                if isinstance(part, Loaded) and not place and (reading.cutter is None or part.is_refused):
                     reading.given.note_file(part, item)
                 reading.note(item)
                 yield item
 
-    def _blocks_of(self, loaded: Loaded, reading: RecordingPass, number: int | None) -> Iterator[Block]:
+    def _blocks_of(self, loaded: Loaded, reading: RecordingPass, number: int | None) -> Iterator[Block | Rejected]:
         if isinstance(loaded.result, Samples):
-            several, name = bool(loaded.result.following), loaded.name
+            several, name = bool(loaded.result.following or loaded.result.torn), loaded.name
             for one in loaded.result.recordings:
                 yield reading.numbers.whole(one, name, loaded.digest, number, of_several=several)
+            if loaded.result.torn:
+                yield from reading.numbers.torn(loaded.result, name)
 
     def _parts(self, reading: RecordingPass) -> Iterator[Cut | Loaded]:
         """Yield the files in order or, unless each is a block, their cuts and those that give none."""
@@ -412,7 +416,7 @@ class Recording:
         return Loaded(item.path, facts, samples.of_each(lambda one: one.changed(origin=origin)), digest)
 
     def _cuts(self, files: Iterable[Loaded], cutter: Reblocker) -> Iterator[Cut | Loaded]:
-        """Yield the cuts of files in order, and files that give none."""
+        """Yield the cuts of files in order, and files that give none, or of which recordings broke off."""
         for loaded in files:
             samples = loaded.result
             if isinstance(samples, ReaderError):
@@ -423,6 +427,9 @@ class Recording:
                 continue
             for recording in samples.recordings:
                 yield from cutter.feed(recording)
+            if samples.torn:
+                yield from cutter.flush()
+                yield loaded
         yield from cutter.flush()
 
 

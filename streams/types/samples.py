@@ -139,6 +139,7 @@ class Samples:
         number: of the recording in its file, from 1.
         begin: index of its first value in the file, which is the origin of all its recordings.
         following: the other recordings of the file, in order of time.
+        torn: of each recording of the file that broke off and is left out, where it is, and why.
     """
 
     values: NDArray[Any]
@@ -178,6 +179,7 @@ class Samples:
     number: int = 1
     begin: int = 0
     following: tuple[Samples, ...] = ()
+    torn: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Fill in the defaults of the rows; ValueError where parts do not fit."""
@@ -187,9 +189,13 @@ class Samples:
         object.__setattr__(self, "columns", self.columns or tuple(range(1, rows + 1)))
         object.__setattr__(self, "channels", self.channels or tuple(f"column_{column}" for column in self.columns))
         object.__setattr__(self, "names", self.names or self.channels)
-        for key, default in (("units", None), ("stored", VALUES), ("sensitivities", None), ("count_scales", None)):
-            object.__setattr__(self, key, getattr(self, key) or (default,) * rows)
-        counts = {len(getattr(self, key)) for key in _OF_ROWS if key != "values"}
+        none = (None,) * rows
+        object.__setattr__(self, "units", self.units or none)
+        object.__setattr__(self, "stored", self.stored or (VALUES,) * rows)
+        object.__setattr__(self, "sensitivities", self.sensitivities or none)
+        object.__setattr__(self, "count_scales", self.count_scales or none)
+        counts = {len(self.columns), len(self.channels), len(self.names), len(self.units), len(self.stored)}
+        counts |= {len(self.sensitivities), len(self.count_scales)}
         if counts != {rows}:
             raise ValueError(f"{rows} rows of samples, but {sorted(counts)} columns, channels, names and units")
 
@@ -313,14 +319,14 @@ class Samples:
         )
 
 
-def one_after_another(recordings: Sequence[Samples]) -> Samples:
-    """Return the first of the recordings of a file, followed by the others."""
+def one_after_another(recordings: Sequence[Samples], torn: Sequence[str] = ()) -> Samples:
+    """Return the first of the recordings of a file, followed by the others; ``torn``: of those that are left out."""
     placed: list[Samples] = []
     begin = 0
     for number, one in enumerate(recordings, 1):
         placed.append(one.changed(number=number, begin=begin, offset=begin, following=()))
         begin += one.values.shape[1]
-    return placed[0].changed(following=tuple(placed[1:]))
+    return placed[0].changed(following=tuple(placed[1:]), torn=tuple(torn))
 
 
 def stack_rows(rows: Sequence[NDArray[np.floating]]) -> NDArray[np.floating]:

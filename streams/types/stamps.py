@@ -299,7 +299,7 @@ def _in_numbers(text: str, parts: Mapping[str, str | None], zone: str) -> Stamp 
         return None
     return Stamp(
         text,
-        *(None if reading is None else reading[0] for reading in readings),
+        *[None if reading is None else reading[0] for reading in readings],
         open=len(a) != 4 and not (separator == "." and day_first is not None),
         local=not parts.get("zone"),
         skipped=any(skipped for _, skipped in known),

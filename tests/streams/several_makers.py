@@ -153,17 +153,49 @@ def uff(parts: Sequence[Part], names: Sequence[str] = ("acc",)) -> bytes:
     return whole
 
 
-def xlsx(parts: Sequence[Part], names: Sequence[str] = ("acc",)) -> bytes:
-    """A sheet for each recording, with a head of its own."""
+def xlsx(parts: Sequence[Part], names: Sequence[str] = ("acc",), *, cells: int | None = None) -> bytes:
+    """A sheet for each recording, with a head of its own; in the last row of all ``cells``."""
     sheets: dict[str, list[Row]] = {}
     for number, part in enumerate(parts, 1):
         head: list[Row] = [["Start", "T".join(_clock(part.start, "%Y-%m-%d")) + "Z"], ["Rate", f"{part.rate:g} Hz"]]
         rows: list[Row] = [[float(value) for value in row] for row in part.values.T]
         sheets[f"Run {number}"] = [*head, [f"{name} [{part.unit}]" for name in names], *rows]
+    last = sheets[f"Run {len(parts)}"]
+    last[-1] = last[-1][:cells]
     return workbook(sheets)
+
+
+def torn_hdf5(parts: Sequence[Part], names: Sequence[str] = ("acc",), *, place: int = -1) -> bytes:
+    """The same, without some chunks of a data set of the part in a ``place``."""
+    stream = io.BytesIO(hdf5(parts, names))
+    with h5py.File(stream, "a") as file:
+        values, path = parts[place].values[-1], f"run{range(1, len(parts) + 1)[place]}/{names[-1]}"
+        words = dict(file[path].attrs)
+        del file[path]
+        made = file.create_dataset(path, values.shape, values.dtype, chunks=(10,))
+        made[:20] = values[:20]
+        made.attrs.update(words)
+    return stream.getvalue()
+
+
+def torn_xlsx(parts: Sequence[Part], names: Sequence[str] = ("acc",)) -> bytes:
+    """The same, with half a row at the end of the last sheet."""
+    return xlsx(parts, names, cells=1)
 
 
 FILES = {
     "tdms": (tdms, "tdms"), "hdf5": (hdf5, "h5"), "mat": (mat, "mat"), "uff": (uff, "uff"), "xlsx": (xlsx, "xlsx"),
 }  # fmt: skip
 """Maker and ending of files whose groups, sets or sheets are recordings."""
+
+TORN = {
+    "lvm": lambda parts, names: lvm(parts, names)[:-300],
+    "lvm, in a head": lambda parts, names: lvm(parts, names).rpartition(b"Delta_X")[0],
+    "csv": lambda parts, names: csv(parts, names)[:-14],
+    "stamped": lambda parts, names: stamped_csv(parts, names)[:-30],
+    "tdms": lambda parts, names: tdms(parts, names)[:-50],
+    "hdf5": torn_hdf5,
+    "uff": lambda parts, names: uff(parts, names)[:-400],
+    "xlsx": torn_xlsx,
+}
+"""Makers of files whose last recording breaks off."""

@@ -213,6 +213,9 @@ def _rejections(subject: JudgedConfig, section: SourceSection, loaded: Sequence[
             came = f"would be rejected, {file.result.status}: {file.result}"
             place = place_of(subject.config, "source", section.name, key)
             yield subject.doubt("file", "problem", place, "files that fit the configuration", came)
+        for reason in file.result.torn if isinstance(file.result, Samples) else ():
+            place, came = place_of(subject.config, "source", section.name, "url"), f"is left out, incomplete: {reason}"
+            yield subject.doubt("file", "warning", place, "whole recordings", came)
 
 
 def _unlisted(subject: JudgedConfig, section: SourceSection, loaded: Sequence[Loaded]) -> Iterator[Doubt]:

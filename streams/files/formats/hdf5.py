@@ -5,7 +5,7 @@ netCDF-4 and MAT files of version 7.3 are HDF5 files with conventions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
@@ -95,15 +95,23 @@ def read_hdf5(
                 # Before any is loaded, and before the rest is listed.
                 check_rows(len(vectors), name, "vectors")
         arrays: list[tuple[str, NDArray[np.floating], Facts]] = []
-        budget = Budget(name, len(data))
+        budget, torn = Budget(name, len(data)), dict[str, str]()
         for item in vectors:
-            array, facts = load_unpacked(item, name, budget)
+            try:
+                array, facts = load_unpacked(item, name, budget)
+            except ReaderError as error:
+                if error.status != "incomplete" or pulses is not None:
+                    raise
+                torn.setdefault(item.path.rpartition("/")[0], str(error))
+                rows = min(item.dataset.shape) if item.dataset.ndim > 1 else 1
+                arrays.append((item.path, np.empty((rows, 0)), item.facts))
+                continue
             arrays.append((item.path, rows_of(array, f"{name}: data set {item.path}"), facts))
             budget.add_rows(len(arrays[-1][1]))
         held = ", ".join(f"{item.path}{list(item.dataset.shape or ())}"[:60] for item in found[:12]) or "no data set"
         none = f"no vector matches {', '.join(patterns) or '*'}; {held}"
         separator = "/" if pulses is None else ""
-        samples = join_arrays(arrays, name, zone, none, wanted, slow, disregard, separator)
+        samples = join_arrays(arrays, name, zone, none, wanted, slow, disregard, separator, torn)
         tacho = None if pulses is None else only_one(marks, pulses, name)
         if tacho is None:
             return samples
@@ -150,13 +158,15 @@ def join_arrays(
     slow: Sequence[str] = (),
     disregard: Sequence[str] = (),
     separator: str = "",
+    torn: Mapping[str, str] | None = None,
 ) -> Samples:
     """Join arrays of shape (row, sample), with their names and what is stated of each.
 
     A row is named as its array, ``NAME_1`` and so on where it has several. ``zone`` is the IANA name of the zone of
     stamps that name none, ``none`` the reason to give where there is no array, ``disregard`` names the keys that are
     not believed; ``wanted`` and ``slow`` as in :func:`streams.files.lengths.of_one_length`; ``separator`` divides the
-    name of a group that may be a recording from those of its arrays, "" where none can be.
+    name of a group that may be a recording from those of its arrays, "" where none can be; ``torn`` as in
+    :func:`streams.files.successive.recordings_of`.
 
     Raises:
         ReaderError: ``wrong_shape`` without rows or for different lengths, ``wrong_rate`` for different rates.
@@ -164,7 +174,7 @@ def join_arrays(
     if not arrays:
         raise ReaderError("wrong_shape", f"{name}: {none}")
     numbers = [item for item in arrays if item[2].get(STORED) != DIGITAL]
-    lengths = {item[1].shape[1] for item in numbers}
+    lengths = {item[1].shape[1] for item in numbers if item[1].size}
     # Truth values come last, so that they do not move the numbers of the others; some are flags of something else.
     digital = [item for item in arrays if item[2].get(STORED) == DIGITAL and lengths <= {item[1].shape[1]}]
     rows: list[StatedRow] = []
@@ -183,7 +193,7 @@ def join_arrays(
         group, _, short = row.name.rpartition(separator)
         return group, short
 
-    several = recordings_of(rows, name, zone, joined, parted=parted) if separator else None
+    several = recordings_of(rows, name, zone, joined, parted=parted, torn=torn) if separator else None
     return joined(rows) if several is None else several
 
 

@@ -46,8 +46,10 @@ def labview_sections(text: bytes, name: str) -> list[TextSection]:
     Raises:
         ReaderError: ``wrong_shape`` where it is not seen where the head of a segment begins.
     """
-    ends = [match.end() for match in _END.finditer(text)] if text.count(END_OF_HEAD.encode()) > 2 else []
-    if len(ends) < 3:
+    ends = [match.end() for match in _END.finditer(text)] if text.count(END_OF_HEAD.encode()) > 1 else []
+    # The head of a segment that breaks off has no end.
+    unended = None if len(ends) < 2 else _CHANNELS.search(text, ends[-1])
+    if len(ends) + (unended is not None) < 3:
         return []
     begins = [ends[0]]
     for before, end in pairwise(ends[1:]):
@@ -61,6 +63,9 @@ def labview_sections(text: bytes, name: str) -> list[TextSection]:
         begins.append(found[-1])
     head = text[: ends[0]]
     titles = [_line(text, end) - 1 for end in ends[1:]]
+    if unended is not None:
+        begins.append(unended.start())
+        titles.append(_line(text, unended.start()))
     return list(_cut(text, begins, titles, head))
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import cache
@@ -28,6 +30,8 @@ from streams.types.samples import ReaderError, Samples, check_rows, stored_as
 
 _LEAD_IN = 28
 _OPEN_END = 0xFFFFFFFFFFFFFFFF
+_NEW_OBJECTS, _RAW_DATA = 1 << 2, 1 << 3
+"""Flags of a segment: it lists its channels; it has samples."""
 _SCALE_KIND = re.compile(r"NI_Scale\[\d+\]_Scale_Type")
 _LABVIEW_ZERO = -2082844800.0
 """Seconds from 1970 to 1904-01-01, the stamp of a waveform whose time was never set."""
@@ -64,14 +68,25 @@ def read_tdms(
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
-    _check_segments(data, name)
+    segments, broken = _segments(data, name)
     tdms = _nptdms()
+    torn: list[StatedRow] = []
+    if broken is not None:
+        with suppress(ReaderError), readable(name, "a readable TDMS file"):
+            torn = _torn_rows(data, segments, patterns, tdms)
+        if not torn or not segments[-1] or pulses is not None:
+            raise broken
+        data = data[: segments[-1]]
+    left_out = {_parted(row)[0]: str(broken) for row in torn}
     with (
         readable(name, "a readable TDMS file"),
         stream_of(data) as stream,
         tdms.TdmsFile.open(stream) as file,
     ):
-        channels = [channel for group in file.groups() for channel in group.channels()]
+        groups = [group for group in file.groups() if group.name not in left_out]
+        channels = [channel for group in groups for channel in group.channels()]
+        if broken is not None and not channels:
+            raise broken
         check_rows(len(channels), name, "channels")
         tacho = [channel for channel in channels if matches_pulses(pulses, *_titles(channel), channel.group_name)]
         taken = _wanted([channel for channel in channels if channel not in tacho], name, patterns)
@@ -102,7 +117,7 @@ def read_tdms(
         return with_beside(of_rows, beside)
 
     if pulses is None:
-        several = recordings_of(stated, name, zone, joined, parted=_parted, dated=_dated)
+        several = recordings_of([*stated, *torn], name, zone, joined, parted=_parted, dated=_dated, torn=left_out)
         return joined(stated) if several is None else several
     samples = joined(stated)
     title, times, facts = only_one(marks, pulses, name) or (None, None, None)
@@ -207,10 +222,17 @@ def _silence() -> None:
     import_module("nptdms.log").log_manager.set_level(60)
 
 
-def _check_segments(data: Data, name: str) -> None:
-    """Compare declared lengths with the data; nptdms silently reads what there is."""
-    position = 0
+def _segments(data: Data, name: str) -> tuple[list[int], ReaderError | None]:
+    """Return where segments begin, and how the last one breaks off, None where it is whole.
+
+    Declared lengths are compared with the data; nptdms silently reads what there is.
+
+    Raises:
+        ReaderError: ``unreadable``; ``incomplete`` where the first segment breaks off, or the head of the last.
+    """
+    position, found = 0, list[int]()
     while position < len(data):
+        found.append(position)
         lead = data[position : position + _LEAD_IN]
         if not b"TDSm".startswith(lead[:4]):
             raise ReaderError("unreadable", f"{name}: not a TDMS file (no segment begins at byte {position})")
@@ -218,14 +240,53 @@ def _check_segments(data: Data, name: str) -> None:
             raise ReaderError("incomplete", f"{name}: breaks off in the head of a segment, after {len(data)} bytes")
         order = ">" if struct.unpack_from("<I", lead, 4)[0] & (1 << 6) else "<"
         following, raw = struct.unpack_from(order + "QQ", lead, 12)
+        end, told = position + _LEAD_IN + following, ""
         if following == _OPEN_END:
-            raise ReaderError("incomplete", f"{name}: the segment at byte {position} was never closed")
-        end = position + _LEAD_IN + following
-        if end > len(data):
-            raise ReaderError("incomplete", f"{name}: {end} bytes are declared, {len(data)} are there")
+            told = f"the segment at byte {position} was never closed"
+        elif end > len(data):
+            told = f"{end} bytes are declared, {len(data)} are there"
+        if told:
+            return found, ReaderError("incomplete", f"{name}: {told}")
         if raw > following:
             raise ReaderError("unreadable", f"{name}: the segment at byte {position} contradicts itself")
         position = end
+    return found, None
+
+
+def _torn_rows(data: Data, segments: Sequence[int], patterns: Sequence[str], tdms: Any) -> list[StatedRow]:
+    """Return the channels of the last segment, which breaks off, without samples; none where its head is not whole.
+
+    A segment may have the channels of the one before: the heads up to one that lists its own make a file without
+    samples.
+    """
+    heads = b""
+    for position in reversed(segments):
+        lead = data[position : position + _LEAD_IN]
+        flags = struct.unpack_from("<I", lead, 4)[0]
+        order = ">" if flags & (1 << 6) else "<"
+        size = struct.unpack_from(order + "Q", lead, 20)[0]
+        head = data[position : position + _LEAD_IN + size] if size <= len(data) else b""
+        if len(head) < _LEAD_IN + size:
+            return []
+        lengths = struct.pack(order + "QQ", size, size)
+        heads = lead[:4] + struct.pack("<I", flags & ~_RAW_DATA) + lead[8:12] + lengths + head[_LEAD_IN:] + heads
+        if flags & _NEW_OBJECTS:
+            break
+    else:
+        return []
+    with tdms.TdmsFile.open(io.BytesIO(heads)) as file:
+        channels = [
+            channel
+            for group in file.groups()
+            for channel in group.channels()
+            if not patterns or any(fnmatchcase(title, p) for p in patterns for title in _titles(channel))
+        ]
+        properties = _properties_of(channels, file)
+        titles = [(str(channel.group_name), str(channel.name)) for channel in channels]
+    return [
+        StatedRow(np.empty(0), f"{group}/{title}", title, facts)
+        for (group, title), facts in zip(titles, properties, strict=True)
+    ]
 
 
 def _wanted(channels: Sequence[Any], name: str, patterns: Sequence[str]) -> list[Any]:

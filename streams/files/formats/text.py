@@ -30,7 +30,7 @@ from streams.files.formats.numbers import (
     plain_numbers,
 )
 from streams.files.formats.sections import TextSection, labview_sections, repeated_sections
-from streams.files.formats.stamped import lines_above_stamps, split_stamps
+from streams.files.formats.stamped import is_row, lines_above_stamps, split_stamps
 from streams.files.parse.worker import from_disk
 from streams.files.successive import successive
 from streams.types.large import Data, FileBytes
@@ -215,18 +215,38 @@ def read_layout(data: Data, name: str, zone: str = "UTC", disregard: Sequence[st
 
 
 def _in_sections(sections: Sequence[TextSection], name: str, zone: str, disregard: Sequence[str]) -> Samples:
-    """Return the recordings of a text; ``incomplete`` where one has fewer rows than its head says."""
+    """Return the recordings of a text, without the last one where it breaks off.
+
+    Raises:
+        ReaderError: ``incomplete`` where another one has fewer rows than its head says; as :func:`_read_alone`.
+    """
     found: list[tuple[str, Samples]] = []
+    torn: list[str] = []
     for section in sections:
         try:
             samples, promised = _read_alone(section.text, name, zone, disregard)
+            if samples.values.shape[1] < promised:
+                reason = f"{promised} samples promised, {samples.values.shape[1]} there"
+                raise ReaderError("incomplete", f"{name}: {reason}")
+            found.append((f"that with its head in line {section.title}", samples))
         except ReaderError as error:
-            raise section.moved(error, name) from error
-        if samples.values.shape[1] < promised:
-            reason = f"{promised} samples promised, {samples.values.shape[1]} there"
-            raise ReaderError("incomplete", f"{name}: in the recording from line {section.line} on: {reason}")
-        found.append((f"that with its head in line {section.title}", samples))
-    return successive(found, name, zone)
+            told = section.moved(error, name)
+            if section is not sections[-1] or not found or not _breaks_off(section, error, name, zone, disregard):
+                raise told from error
+            torn.append(str(told))
+    return successive(found, name, zone, torn)
+
+
+def _breaks_off(section: TextSection, error: ReaderError, name: str, zone: str, disregard: Sequence[str]) -> bool:
+    """Return whether the last recording of a text ends too early: in its head, in its last row, or below its last."""
+    own = section.text.split(b"\n")[section.above :]
+    if error.status == "incomplete" or not any(is_row(line, zone) for line in own):
+        return True
+    without_last = section.text[: section.text.rstrip().rfind(b"\n") + 1]
+    with suppress(ReaderError):
+        _read_alone(without_last, name, zone, disregard)
+        return True
+    return False
 
 
 def _lines_above(text: bytes, name: str, zone: str) -> list[str]:

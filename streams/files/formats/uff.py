@@ -48,19 +48,24 @@ def read_uff(
         ReaderError: ``empty``; ``incomplete`` where a data set is not closed or too short; ``wrong_shape`` where
             nothing matches or lengths differ; ``wrong_rate`` for uneven abscissas and different rates; ``unreadable``.
     """
-    with universal_file(data, name) as file:
+    with universal_file(data, name, torn=True) as file:
         functions = _functions(file, name, patterns)
         si = is_si(file)
     if not functions:
         raise ReaderError(
             "wrong_shape", f"{name}: no time response of data set 58 matches {', '.join(patterns) or '*'}"
         )
-    return _described(functions, si, name, zone, disregard)
+    samples = _described(functions, si, name, zone, disregard)
+    if _count_tags(data) % 2 and not samples.torn:
+        raise ReaderError("incomplete", f"{name}: breaks off within a data set, after {len(data)} bytes")
+    return samples
 
 
 @contextmanager
-def universal_file(data: Data, name: str) -> Iterator[Any]:
+def universal_file(data: Data, name: str, *, torn: bool = False) -> Iterator[Any]:
     """Give the bytes as a ``pyuff.UFF``; whatever goes wrong with it inside the context is a ReaderError.
+
+    ``torn``: also with a last data set that is not closed.
 
     Raises:
         ReaderError: ``empty``, ``incomplete`` where a data set is not closed, or ``unreadable``.
@@ -70,8 +75,11 @@ def universal_file(data: Data, name: str) -> Iterator[Any]:
     tags = _count_tags(data)
     if not tags:
         raise ReaderError("unreadable", f"{name}: not a universal file")
-    if tags % 2:
+    if tags % 2 and not torn:
         raise ReaderError("incomplete", f"{name}: breaks off within a data set, after {len(data)} bytes")
+    if tags % 2:
+        # What is there of the last data set shows whether it is a recording of its own.
+        data = data[: data[:].rfind(b"\n") + 1] + f"{_TAG.decode():80}\n".encode()
     pyuff = library("pyuff", "uff", f"{name}: needs")
     with readable(name, "a readable universal file"):
         if isinstance(data, FileBytes):
@@ -132,11 +140,13 @@ def _described(functions: list[Function], si: bool, name: str, zone: str, disreg
     rows, titles, nodes = [], [], []
     facts: list[Facts] = []
     rates: list[StatedNumber] = []
+    short: dict[int, str] = {}
     for function in functions:
         promised, values = int(function["num_pts"]), np.asarray(function["data"], dtype=np.float64)
         title = str(function.get("id1", "")).strip()
         if len(values) < promised:
-            raise ReaderError("incomplete", f"{name}: {title[:40]}: {promised} samples promised, {len(values)} there")
+            short[len(rows)] = f"{name}: {title[:40]}: {promised} samples promised, {len(values)} there"
+            values = values[:0]
         if len(values) > promised:
             raise ReaderError("unreadable", f"{name}: {title[:40]}: {promised} samples promised, {len(values)} there")
         if not promised:
@@ -162,7 +172,16 @@ def _described(functions: list[Function], si: bool, name: str, zone: str, disreg
             rows, times, titles, of_node, nodes, facts, rates, strict=True
         )
     ]
-    several = recordings_of(repeated, name, zone, joined, parted=_parted, dated=_dated, kind="set")
+    several = recordings_of(
+        repeated,
+        name,
+        zone,
+        joined,
+        parted=_parted,
+        dated=_dated,
+        kind="set",
+        torn={str(times[place]): reason for place, reason in short.items()},
+    )
     if several is not None:
         return several
     names = [title if title and title != "NONE" and titles.count(title) == 1 else node

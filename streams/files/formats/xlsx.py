@@ -74,18 +74,25 @@ def _one_after_another(
         f'"{sheets[0].title}/COLUMN"; recordings one after another have the same columns, and each states its start',
     )
     found: list[tuple[float, str, Samples]] = []
+    torn: dict[str, str] = {}
     for sheet in sheets:
+        place = f"sheet {sheet.title!r}"
         try:
-            samples = read(sheet)
+            try:
+                samples = read(sheet)
+            except ReaderError as cause:
+                # Without its last row a sheet that breaks off shows whether it is a recording of its own.
+                samples, torn[place] = read(replace(sheet, lines=sheet.lines[:-1])), str(cause)
         except ReaderError as cause:
             raise error from cause
         if samples.start is None or (found and samples.names != found[0][2].names):
             raise error
-        found.append((samples.start, f"sheet {sheet.title!r}", samples))
+        found.append((samples.start, place, samples))
     found.sort(key=lambda one: one[0])
-    if found[-1][0] == found[0][0]:
+    whole = [(place, samples) for _, place, samples in found if place not in torn]
+    if len({start for start, *_ in found}) < (len(found) if torn else 2) or not whole:
         raise error
-    return successive([(place, samples) for _, place, samples in found], name, zone)
+    return successive(whole, name, zone, [*torn.values()])
 
 
 def _read_sheet(sheet: Worksheet, *, notes: Sequence[str], name: str, zone: str, disregard: Sequence[str]) -> Samples:

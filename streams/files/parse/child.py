@@ -290,7 +290,7 @@ class ReaderProcess(AbstractContextManager["ReaderProcess"]):
             _stated_of(values[end - length : end].reshape(one["shape"]), one["stated"])
             for one, length, end in zip(told, lengths, accumulate(lengths), strict=True)
         ]
-        return found[0] if len(found) == 1 else one_after_another(found)
+        return found[0] if len(found) == 1 else one_after_another(found, found[0].torn)
 
     def _shrink(self) -> None:
         """Give back the memory of a large file; that of a usual one is kept for the next."""

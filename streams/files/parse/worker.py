@@ -43,6 +43,7 @@ _FIELDS = (
     *("channels", "names", "columns", "units", "rate", "start", "speed", "load", "scaled", "stamp", "stored"),
     *("written", "pulse_epoch", "pulses_per_revolution", "beside", "rate_readings", "rate_resolution", "rate_written"),
     *("sensitivities", "count_scales", "open_gain", "open_multiplier", "stated_speed", "stated_load", "unlisted"),
+    "torn",
 )
 
 

@@ -17,6 +17,7 @@ import pytest
 from monitor.config.plausible.rules import RULES
 from streams.files.load import Loader
 from streams.types.samples import Samples
+from tests.streams.several_makers import lvm, parts_of
 from tests.support.commands import run_command
 from tests.support.doubtful_settings import CASES
 
@@ -254,6 +255,18 @@ def test_two_loggers_of_different_zones_are_a_warning(tmp_path: Path, hours: int
     clocks = [entry["came"] for entry in found if "ahead of those" in entry["came"]]
     assert len(clocks) == (hours > 0)
     assert all(came.startswith("times of t are 2 h ahead of those of s") for came in clocks)
+
+
+def test_a_recording_that_breaks_off_is_a_warning(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    text = lvm(parts_of([8000] * 2, [5.0] * 2, channels=2), ("x", "y"))
+    (tmp_path / "in" / "a.lvm").write_bytes(text[:-100])
+    config = CONFIG.format(operating="speed_hz = 31", source="block_s = 1", channel='unit = "g"')
+    (tmp_path / "config.toml").write_text(config.replace("column = 1", 'key = "x"').replace("column = 2", 'key = "y"'))
+    done = run_command("check", "--config", tmp_path / "config.toml", "--json")
+    found = [one for one in json.loads(done.stdout)["problems"] if one["came"].startswith("is left out")]
+    assert [one["severity"] for one in found] == ["warning"]
+    assert "a.lvm: line" in found[0]["came"]
 
 
 def test_an_unknown_unit_is_a_warning(tmp_path: Path) -> None:
