@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from zoneinfo import ZoneInfo
 
 from monitor.desk.answers import AnsweredBearing, bearing_sections, channel_names
 from monitor.desk.desk import ImportDesk
@@ -14,7 +15,7 @@ from streams.files.container import first_of
 from streams.files.foreign import HEAD_BYTES, seen_in
 from streams.files.survey import Survey, SurveyedRow
 from streams.types.listing import shown
-from streams.types.stamps import day_in_folders, stamp_in_name, utc_text
+from streams.types.stamps import day_in_folders, hour_folder, stamp_in_name, utc_text
 
 STATED, ANSWERED, ASSUMED, OPEN = "stated", "answered", "assumed", "open"
 """Where a reading comes from: the files, an answer, the default of a question; or it is still open."""
@@ -119,7 +120,7 @@ def facts_of(desk: ImportDesk) -> tuple[FactReading, ...]:
 
 def _facts(desk: ImportDesk) -> Iterator[FactReading]:
     seen, answers = desk.seen, desk.answers
-    yield FactReading("format", "Format", seen.data_set.name, STATED, shown(seen.first))
+    yield FactReading("format", "Format", seen.data_set.name, STATED, taken_words(seen) or shown(seen.first))
     ends = shown(seen.first) if seen.first == seen.last else f"{shown(seen.first)} to {shown(seen.last)}"
     if (several := len(seen.values.recordings)) > 1:
         ends += f", {several} recordings in {shown(seen.first)}"
@@ -155,6 +156,20 @@ def _facts(desk: ImportDesk) -> Iterator[FactReading]:
         origin = OPEN if count is None else _given(desk, "pulses_per_revolution")
         value = None if count is None else f"{count} a revolution"
         yield FactReading("pulses_per_revolution", "Pulses of a tacho", value, origin, shown(place))
+
+
+def taken_words(seen: Survey) -> str:
+    """Return what is believed of files because a published data set has such names, "" for those of any origin."""
+    if seen.data_set.plain:
+        return ""
+    facts = seen.data_set.facts(seen.first, str(seen.place), ZoneInfo("UTC"))
+    words = [] if seen.data_set.unit in (None, "unknown") else [str(seen.data_set.unit)]
+    if facts is not None:
+        words += [] if facts.rate is None else [f"{facts.rate:g} Hz"]
+        words += [] if facts.speed is None else [f"a shaft of {60.0 * facts.speed:.6g} rpm"]
+        words += [] if facts.load is None else [f"{facts.load:.6g} N"]
+    by = f"; {', '.join(words)} hold for the data set, no file states them" if words else ""
+    return f"taken for {seen.data_set.name} by names and content ({seen.data_set.files}){by}; else give --format"
 
 
 def left_out_words(seen: Survey) -> str:
@@ -266,7 +281,9 @@ def date_words(seen: Survey, timezone: str, now: float) -> str:
         return f"{seen.stamp!r} in the header of {shown(seen.first)}{zone}"
     stamp = stamp_in_name(seen.in_folders(seen.first), timezone)
     if stamp is not None:
-        return f"{stamp.text!r} in the name of {shown(seen.first)}{zone}"
+        hour = hour_folder(stamp.text)
+        taken = f", its folder {hour} taken for the hour" if hour else ""
+        return f"{stamp.text!r} in the name of {shown(seen.first)}{taken}{zone}"
     readings = name_readings(seen, timezone, now)
     if readings:
         return f"{readings[0].pattern} in the names ({utc_text(readings[0].first)}){zone}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta, timezone, tzinfo
 from functools import lru_cache
@@ -398,13 +398,34 @@ def _found_below(folders: str, name: str, zone: str) -> list[Stamp]:
         return []
     date = max(dates, key=lambda match: match.end())
     rest = f"{folders}/{name}"[date.end() :]
-    return [
-        stamp
-        for clock in _CLOCK_BELOW.finditer(rest)
-        # Elsewhere, numbers without the separators of a time of day may count something.
-        if (clock["S"] or clock["half"] or rest[clock.start() - 1] == "/")
-        and (stamp := _in_numbers(f"{date[0]}{rest[: clock.end()]}", {**clock.groupdict(), **date.groupdict()}, zone))
-    ]
+    parts = date.groupdict()
+
+    def stamps(begin: int, allowed: Callable[[re.Match[str]], bool]) -> list[Stamp]:
+        found = (
+            _in_numbers(f"{date[0]}{rest[: clock.end()]}", {**clock.groupdict(), **parts}, zone)
+            for clock in _CLOCK_BELOW.finditer(rest, begin)
+            if allowed(clock)
+        )
+        return [stamp for stamp in found if stamp is not None]
+
+    def is_stated(clock: re.Match[str]) -> bool:
+        """Return whether numbers state a time of day, and do not count something."""
+        if clock["S"] or clock["half"] or clock["S2"]:
+            return bool(clock["S"] or clock["half"]) or rest[clock.start() - 1] == "/"
+        if "/" in clock[0] and (parts["sep"] != "/" or re.match(r"[-_.:h]\d", rest[clock.end() :])):
+            # A folder of digits alone is an hour with minutes and seconds below, or in folders from the year on.
+            return False
+        return rest[clock.start() - 1] == "/"
+
+    own = stamps(len(rest) - len(name), lambda clock: bool(clock["S"] or clock["S2"]) and is_stated(clock))
+    return own or stamps(0, is_stated)
+
+
+def hour_folder(text: str) -> str:
+    """Return the folder that is the hour of a stamp, by its text, "" for none."""
+    ends = [match.end() for pattern in _IN_FOLDERS for match in pattern.finditer(text)]
+    found = re.fullmatch(r"/(\d\d)/\d\d(?:\D?\d\d)?", text[max(ends) :]) if ends else None
+    return "" if found is None else found[1]
 
 
 def _found_by(text: str, zone: str, pattern: str) -> list[Stamp]:

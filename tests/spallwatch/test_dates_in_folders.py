@@ -120,3 +120,29 @@ def test_six_digits_that_may_be_a_time_of_day_are_no_date(tmp_path: Path) -> Non
     found = CliRunner().invoke(spallwatch, words)
     assert "time_name" not in (tmp_path / "m.toml").read_text()
     assert "2000-08-15" not in found.output
+
+
+@pytest.mark.parametrize("form", ["csv", "wav", "hdf5"])
+@pytest.mark.parametrize(
+    ("folder", "name", "hour"),
+    [
+        ("2026-03-01/17", "08_15_00", 8),
+        ("2026-03-01/17", "run_08-15-00", 8),
+        ("2026-03-01/17", "12", None),
+        ("2026-03-01/17", "08h15", None),
+        ("2026-03-01/17", "0815_0001", 17),
+        ("17", "0815", None),
+        ("2026-03-01/17", "3000", 17),
+        ("2026/03/01/17", "30", 17),
+    ],
+)
+def test_a_folder_of_digits_is_an_hour_only_with_more(
+    form: str, folder: str, name: str, hour: int | None, tmp_path: Path
+) -> None:
+    one_file(tmp_path / "data" / folder, form, name)
+    (block,) = sw.blocks(tmp_path / "data", block_s="file")
+    found = block.attrs.get("start_utc")
+    assert (None if found is None else datetime.fromisoformat(found).hour) == hour
+    words = ["init", str(tmp_path / "data"), "--bearing", "6205-2RS", "--speed-hz", "24.8", "--yes"]
+    said = CliRunner().invoke(spallwatch, [*words, "--out", str(tmp_path / "m.toml")]).output
+    assert ("its folder 17 taken for the hour" in said) == (hour == 17)

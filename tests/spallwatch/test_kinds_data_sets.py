@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import scipy.io
+from click.testing import CliRunner
 
 import spallwatch as sw
+from monitor.cli import spallwatch
 from tests.support.stated_files import GRAVITY, noise
 
 COUNT = 20480
@@ -111,3 +114,22 @@ def test_what_a_file_named_as_of_cwru_states_is_compared(stated: dict[str, Any],
         sw.read(cwru(tmp_path, 130, **stated))
     assert sw.read(cwru(tmp_path, 131)).attrs["rate_hz"] == 12000.0
     assert sw.read(cwru(tmp_path, 132, fs=12.0, unit="g")).attrs["rate_hz"] == 12000.0
+
+
+@pytest.mark.parametrize(
+    ("write", "said"),
+    [
+        (lambda folder: ims(folder, "2004.02.12.10.32.39"), "taken for ims by names and content (YYYY.MM.DD"),
+        (lambda folder: pronostia(folder, 1), "taken for pronostia by names and content (acc_NNNNN.csv); g, 25600 Hz"),
+        (lambda folder: cwru(folder, 130), "taken for cwru by names and content (NNN.mat with XNNN_DE_time); g, 12000"),
+        (lambda folder: ims(folder, "2025.03.11.08.15.00"), ""),
+    ],
+)
+def test_what_is_believed_by_names_is_said(write: Callable[[Path], Path], said: str, tmp_path: Path) -> None:
+    folder = tmp_path / "17"
+    folder.mkdir()
+    write(folder)
+    words = ["init", str(folder), "--bearing", "6205", "--speed-hz", "29", "--yes", "--out", str(tmp_path / "m.toml")]
+    found = CliRunner().invoke(spallwatch, [*words, "--rate-hz", "20480", "--unit", "g"] if not said else words)
+    assert (said or "of csv") in found.output
+    assert ("taken for" in found.output) == bool(said)

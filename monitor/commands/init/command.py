@@ -14,7 +14,7 @@ import click
 from monitor.commands import option
 from monitor.commands.common import InputError, output_errors, say
 from monitor.desk.answers import Answers, read_answer
-from monitor.desk.description import date_words, left_out_words
+from monitor.desk.description import date_words, left_out_words, taken_words
 from monitor.desk.desk import DeskError, DraftedConfig, ImportDesk, check_answers, look
 from monitor.desk.questions import Question, no_vibration_words
 from monitor.desk.text import machine_name
@@ -207,6 +207,8 @@ def survey_lines(seen: Survey, path: str, timezone: str) -> Iterator[str]:
     count = f"{len(seen.paths)} {'file' if len(seen.paths) == 1 else 'files'} of {seen.data_set.name}"
     ends = seen.first if seen.first == seen.last else f"{seen.first} to {seen.last}"
     yield f"{shown(path)}: {count}, {ends}"
+    if taken := taken_words(seen):
+        yield f"  {taken}"
     if len(seen.files) > 1:
         yield f"  read together, a channel each: {', '.join(map(shown, seen.files))}"
     if seen.ignored:
