@@ -17,7 +17,7 @@ from models.words.errors import SpallwatchError
 from monitor.config.outputs import BrokerSection
 from monitor.records.database import StoreError
 from monitor.service.children import Worker
-from streams.link.mqtt_client import end_client, new_client, start_client
+from streams.link.mqtt_client import end_client, loss, new_client, start_client
 
 _LOG = logging.getLogger(__name__)
 _MIN_PAUSE_S, _MAX_PAUSE_S = 1.0, 60.0
@@ -106,7 +106,7 @@ class BrokerLink:
             self._client.connect(self._section.host, self._section.port, _KEEPALIVE)
         except (OSError, ValueError) as error:
             raise BrokerError(f"{self._where}: {error}") from None
-        start_client(self._client, self._lose)
+        start_client(self._client, lambda cause: self._lose(loss(self._client, cause)))
         with self._state:
             answered = self._state.wait_for(lambda: self._accepted or self._lost is not None, TIMEOUT_S)
         if not answered:
@@ -170,11 +170,11 @@ class BrokerLink:
             self._state.notify_all()
 
     def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
-        self._lose(str(reason))
+        self._lose(loss(client, reason))
 
     def _lose(self, reason: str) -> None:
         with self._state:
-            self._lost = self._lost or f"connection to the broker lost: {reason}"
+            self._lost = self._lost or reason
             self._state.notify_all()
         self._wake()
 

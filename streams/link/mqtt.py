@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from streams.link.arrivals import Ticket
-from streams.link.mqtt_client import KEEPALIVE_S, connect_problem, end_client, make_client, start_client
+from streams.link.mqtt_client import KEEPALIVE_S, connect_problem, end_client, loss, make_client, start_client
 from streams.link.receiver import Receiver
 from streams.link.refusals import JUMP, LINK
 from streams.link.sender import LinkError
@@ -126,7 +126,7 @@ class MqttReceiver(Receiver):
         with self._lock:
             was_connected, self._connected = self._connected, False
         if was_connected:
-            self._refused(f"connection to the broker lost: {reason}")
+            self._refused(loss(client, reason))
 
     def _on_connect_fail(self, client: Any, userdata: Any) -> None:
         self._refused(connect_problem(self._address))
@@ -228,7 +228,7 @@ class MqttLink:
     def _on_disconnect(self, client: Any, userdata: Any, flags: Any, reason: Any, properties: Any) -> None:
         with self._changed:
             if client is self._client:
-                self._state = f"connection to the broker lost: {reason}"
+                self._state = loss(client, reason)
                 self._changed.notify_all()
 
     def _on_message(self, client: Any, userdata: Any, message: Any) -> None:

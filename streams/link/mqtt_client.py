@@ -47,9 +47,13 @@ def _bounded() -> Any:
     from paho.mqtt.enums import MQTTErrorCode
 
     class BoundedClient(Client):
-        """A client that keeps ``max_packet_bytes`` of a packet, and ends a connection that breaks the protocol."""
+        """A client that keeps ``max_packet_bytes`` of a packet, and ends a connection that breaks the protocol.
+
+        ``broken``: why it ended the last one.
+        """
 
         max_packet_bytes = MAX_TOPIC_BYTES
+        broken: str | None = None
 
         def _sock_recv(self, bufsize: int) -> bytes:
             packet: Any = self._in_packet
@@ -59,15 +63,22 @@ def _bounded() -> Any:
             return super()._sock_recv(min(bufsize, _CHUNK_BYTES))
 
         def _packet_handle(self) -> MQTTErrorCode:
-            unasked = self._in_packet["command"] & 0xF4 == _PUBLISH_QOS_2
-            if unasked or len(self._out_packet) > _MAX_UNSENT_PACKETS:
-                _LOG.warning("a broker %s", "sends with QoS 2, unasked" if unasked else "reads no answers")
-                return MQTTErrorCode.MQTT_ERR_PROTOCOL
-            try:
-                return super()._packet_handle()
-            except Exception as error:
-                _LOG.warning("a packet of a broker cannot be taken: %s: %s", type(error).__name__, error)
-                return MQTTErrorCode.MQTT_ERR_PROTOCOL
+            command = self._in_packet["command"]
+            if command & 0xF4 == _PUBLISH_QOS_2:
+                self.broken = "it sends with QoS 2, unasked"
+            elif len(self._out_packet) > _MAX_UNSENT_PACKETS:
+                self.broken = "it reads no answers"
+            else:
+                try:
+                    found = super()._packet_handle()
+                except Exception as error:
+                    _LOG.debug("a packet of a broker cannot be taken", exc_info=True)
+                    self.broken = f"a packet 0x{command:02x} cannot be taken: {type(error).__name__}: {error}"
+                else:
+                    if found == MQTTErrorCode.MQTT_ERR_PROTOCOL:
+                        self.broken = f"a packet 0x{command:02x} breaks the protocol"
+                    return found
+            return MQTTErrorCode.MQTT_ERR_PROTOCOL
 
     return BoundedClient
 
@@ -136,6 +147,12 @@ def connect_problem(address: Address) -> str:
     if isinstance(error, ssl.SSLError):
         return f"no encrypted connection to the broker at {address.host}:{address.port}: {error}"
     return f"no broker answers at {address.host}:{address.port}"
+
+
+def loss(client: Any, reason: Any) -> str:
+    """Return, in the callback ``on_disconnect``, that and why the connection is lost."""
+    cause, client.broken = client.broken or reason, None
+    return f"connection to the broker lost: {cause}"
 
 
 def start_client(client: Any, ended: Callable[[str], None]) -> None:

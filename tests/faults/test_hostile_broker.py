@@ -173,6 +173,19 @@ def test_random_packets_end_no_receiver() -> None:
         assert ledger.content_of("press", 2) is not None
 
 
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (publish(TOPIC, b"", qos=2), "it sends with QoS 2"),
+        (packet(0x32, b"\xff\xff"), "a packet 0x32 "),
+        (packet(0xE0, b"\x8e\x00"), "a packet 0xe0 breaks the protocol"),
+    ],
+)
+def test_the_status_says_what_the_broker_sent(data: bytes, words: str) -> None:
+    with HostileBroker(sends(data)) as broker, tended(broker, MemoryLedger()) as receiver:
+        wait_until(lambda: f"connection to the broker lost: {words}" in (receiver.problem() or ""))
+
+
 def test_a_subscription_that_is_refused_is_a_problem() -> None:
     def attack(session: Session) -> None:
         session.refuses = True
