@@ -168,7 +168,6 @@ def parse() -> argparse.Namespace:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the same figures to this file")
     parser.add_argument("--quick", action="store_true", help="shorter and fewer cases: within a minute")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep all files here, also the baseline's results")
-    parser.add_argument("--keep-store", type=Path, metavar="DIR", help="write the baseline's store for a test, and end")
     options = parser.parse_args()
     options.baseline = full_hash(options.baseline)
     return options
@@ -176,8 +175,6 @@ def parse() -> argparse.Namespace:
 
 def chosen(options: argparse.Namespace) -> list[Case]:
     """Return the cases that were asked for."""
-    if options.keep_store:
-        return [cases.store_migration]
     names = options.case or [name for name in _BY_NAME if not (options.quick and name in _LONG)]
     return [_BY_NAME[name] for name in names]
 
@@ -205,10 +202,6 @@ def main() -> None:
     wanted = chosen(options)
     with judge_of(options, wanted) as judge, ThreadPoolExecutor(options.jobs) as pool:
         judged = list(pool.map(judge.judge, wanted))
-        if options.keep_store:
-            store.keep_store(
-                judge.cache / cache_key(cases.store_migration, options), options.keep_store, options.baseline
-            )
     print_table(f"present tree against {options.baseline[:12]}", [one.row() for one in judged])
     for one in judged:
         if one.problem:

@@ -7,7 +7,7 @@ import html
 import os
 import re
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -177,7 +177,7 @@ def speed_estimated(bench: Bench) -> Observation:
 
 def tracked(bench: Bench) -> Observation:
     """Build a small map and library; replay a life with each tracker; track, forecast and score its records."""
-    found = _map(bench) | _library(bench)
+    found = build_map(bench) | _library(bench)
     answers = {
         "thesis": (("--map", "map.nc"), ()),
         "filter": (("--map", "map.nc"), ()),
@@ -200,7 +200,7 @@ def tracked(bench: Bench) -> Observation:
 
 def histories(bench: Bench) -> Observation:
     """Track and forecast histories that are given as text."""
-    found = _map(bench)
+    found = build_map(bench)
     rng, time = np.random.default_rng(5), 300.0 * np.arange(60)
     rms = (0.3 + 0.5 * (time / time[-1]) ** 1.5) * np.exp(0.03 * rng.standard_normal(60))
     volume = (0.003 + 0.045 * (time / time[-1]) ** 2) * np.exp(0.05 * rng.standard_normal(60))
@@ -242,7 +242,7 @@ def store_migration(bench: Bench) -> Observation:
     kept = bench.kept
     if bench.tree.name == "baseline":
         kept.mkdir(parents=True)
-        found = _map(bench)
+        found = build_map(bench)
         path, config = _life(bench, "thesis")
         bench.replay(path, config, "--limit", str(LIFE_CUT), out="part")
         for file in (path, config, bench.folder / "map.nc", bench.folder / "part" / "state.db"):
@@ -258,11 +258,12 @@ def store_migration(bench: Bench) -> Observation:
     return {name: column for name, column in found.items() if not re.fullmatch(r"out/replay/(blocks|accepted)", name)}
 
 
-def _map(bench: Bench) -> Observation:
+def build_map(bench: Bench, rig: Mapping[str, object] = CALIBRATED) -> Observation:
+    """Build the map ``map.nc`` of the lives in the folder of a case."""
     ranges = ("--load-newton", "4000", "--speed-hz", "40", "--dphi-deg", "0:40:6", "--h-d-um", "0:32:5")
     (bench.folder / "maps").mkdir()
     path = bench.folder / "maps" / "map.nc"
-    config = bench.write(machine_text({"url": "folder:in"}, {**CHANNEL, "name": "x"}, rig=CALIBRATED), "map.toml")
+    config = bench.write(machine_text({"url": "folder:in"}, {**CHANNEL, "name": "x"}, rig=rig), "map.toml")
     options = ("--config", config, "--rms-band-hz", "10:1000", "--workers", "1", "--out", path)
     printed = bench.call("map", "build", *ranges, *options)
     shutil.copy(path, bench.folder)

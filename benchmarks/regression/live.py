@@ -60,13 +60,13 @@ class Daemon:
         if code != 0 and error is None:
             raise CaseError(f"the daemon ended with {code}: {self._words()}")
 
-    def wait_for(self, what: str, condition: Callable[[], object]) -> None:
+    def wait_for(self, what: str, condition: Callable[[], object], patience_s: float = _PATIENCE_S) -> None:
         """Wait until something is true.
 
         Raises:
             CaseError: the daemon ended, or it takes too long.
         """
-        until = time.monotonic() + _PATIENCE_S
+        until = time.monotonic() + patience_s
         while not condition():
             if self._process.poll() is not None or time.monotonic() > until:
                 raise CaseError(f"{what}: not reached; the daemon says: {self._words()}")

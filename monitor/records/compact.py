@@ -9,7 +9,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from monitor.records.database import APPLICATION_ID, Readable, StoreError, opened
+from monitor.records.database import Readable, StoreError, is_known, opened
 from monitor.records.durable import take_lock
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def settle_layout(path: Path, free: Callable[[Path], int], beat: Callable[[], ob
 
     Only where it is worth it (the store is small, or a quarter of it is free) and the disk has room. It is one
     transaction: a kill leaves the store as it was. Readers go on. Return whether it was rebuilt; a store that cannot be
-    read or is not ours is left to those that open it.
+    read or is of another program or a newer version is left to those that open it.
 
     Args:
         path: the database file; nothing happens where there is none.
@@ -107,8 +107,7 @@ def settle_layout(path: Path, free: Callable[[Path], int], beat: Callable[[], ob
             connection.execute("PRAGMA synchronous = FULL")
             used, unused = used_bytes(connection), free_bytes_in(connection)
             worth = used <= _SMALL_BYTES or unused >= _MIN_FREE_SHARE * (used + unused)
-            ours = _pragma(connection, "application_id") == APPLICATION_ID
-            if not ours or shrinks(connection) or not worth or free(path.parent) < _ROOM * used:
+            if not is_known(connection, path) or shrinks(connection) or not worth or free(path.parent) < _ROOM * used:
                 return False
             connection.execute("PRAGMA auto_vacuum = INCREMENTAL")
             connection.execute("VACUUM")

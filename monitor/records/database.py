@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sqlite3
 import threading
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from monitor.records.durable import make_folder
 from monitor.records.failures import DATABASE_ERRORS, StoreError, discards, error_text
 from streams.types.listing import NETWORK_FILE_SYSTEMS, file_system_type
 
+_LOG = logging.getLogger(__name__)
 APPLICATION_ID = 0x53504C57
 """The bytes "SPLW" in the header of the database: it is ours."""
 
@@ -246,18 +248,23 @@ def connect(path: Path, *, new: bool, read_only: bool) -> sqlite3.Connection:
     except (OSError, sqlite3.Error) as error:
         raise StoreError(f"{path}: {error}") from error
     try:
+        empty = new or not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]
+        if not empty:
+            # Before anything is set in a file that another version wrote.
+            _check_version(connection, path)
         _set_up(connection, new=new, read_only=read_only)
-        if new or not connection.execute("SELECT count(*) FROM sqlite_master").fetchone()[0]:
+        if empty:
             if read_only:
                 raise StoreError(f"{path}: is empty")
             create_tables(connection)
             sync_folder(path.parent)
         found = _check_version(connection, path)
         if found < STORE_VERSION and not read_only:
-            migrate_tables(connection, found)
+            # First: what is left behind by a process that is killed would stay. It is a cache, of trends.
             for suffix in ("", "-wal", "-shm", ".lock"):
-                # The trends of older versions were a cache beside the store.
                 path.with_name(f"trends.db{suffix}").unlink(missing_ok=True)
+            migrate_tables(connection, found)
+            _LOG.warning("%s: its tables of version %d are now those of version %d", path, found, STORE_VERSION)
         if not read_only:
             add_unversioned(connection)
     except sqlite3.Error as error:
@@ -306,6 +313,15 @@ def open_beside(path: Path, mode: str, timeout: float = 5.0) -> sqlite3.Connecti
         return opened(path, mode, timeout=timeout, any_thread=True)
     except sqlite3.Error as error:
         raise StoreError(f"{path}: {error}") from error
+
+
+def is_known(connection: sqlite3.Connection, path: Path) -> bool:
+    """Return whether a database is a store of this version or an earlier one."""
+    try:
+        _check_version(connection, path)
+    except StoreError:
+        return False
+    return True
 
 
 def _check_version(connection: sqlite3.Connection, path: Path) -> int:
