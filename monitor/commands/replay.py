@@ -19,6 +19,7 @@ from monitor.words.advice import status_line
 from monitor.words.numbers import duration, interval
 from monitor.words.statuses import bearing_words, gears_line, named_words, speed_doubt, speed_words
 from monitor.words.zones import zone_words
+from streams.files.groups import FilesBeside
 from streams.files.remote import bare, local_source
 from streams.types.listing import shown
 
@@ -80,7 +81,8 @@ def command(
     # Until the page is written, too.
     hold_output(out)
     section = config.source[0]
-    with local_source(section.url if path is None else path, out / "fetched", section.pulses) as source:
+    beside = FilesBeside(section.pulses, section.files)
+    with local_source(section.url if path is None else path, out / "fetched", beside) as source:
         for doubt in [] if quiet else recording_doubts(config, section, source):
             say(f"{doubt.severity}: {doubt.text}", quiet=quiet)
         result = replay(

@@ -33,6 +33,7 @@ from monitor.commands.shared_folders import (
     seen,
 )
 from monitor.config.load import ConfigError, load_config
+from streams.files.groups import FilesBeside
 from streams.files.remote import bare, expand, is_remote, local_source
 from streams.types.spec import SourceError
 
@@ -222,7 +223,8 @@ def _replay(replays: Replays, recording: ReplayRecording) -> dict[str, Any]:
         if resume:
             _check_same(place, recording, replays)
             shutil.copytree(place, folder, dirs_exist_ok=True)
-        with local_source(recording.url, folder / "fetched", config.source[0].pulses) as source:
+        beside = FilesBeside(config.source[0].pulses, config.source[0].files)
+        with local_source(recording.url, folder / "fetched", beside) as source:
             result = replay(config, source, folder, limit=replays.limit, resume=resume)
         if replays.report:
             write_report(result, folder / "report.html", f"{config.machine.name}: {recording.name}")

@@ -33,6 +33,7 @@ from monitor.records.queries import condensed_of_day, last_published, newest_day
 from monitor.records.store import Store
 from monitor.service.replay import Replay, ReplayExtent, kept_dating, replay_source
 from monitor.service.setup import open_configured
+from streams.files.groups import FilesBeside
 from streams.files.remote import is_remote
 from streams.files.remote_folder import opened_remote
 from streams.recording.state import ReadingState, ResumableSource
@@ -246,7 +247,7 @@ class _Replayed:
             return
         scratch = self._folder / "fetched"
         scratch.mkdir(exist_ok=True)
-        with opened_remote(url, scratch, section.pulses) as found:
+        with opened_remote(url, scratch, FilesBeside(section.pulses, section.files)) as found:
             try:
                 yield open_configured(machine.config, section, found.url, dating, reading, found.files)
             finally:

@@ -20,6 +20,8 @@ import numpy as np
 from streams.files.container import read_regular
 from streams.files.datasets import DataSet, FileFacts
 from streams.files.judge import joint_rate
+from streams.files.notes import note_paths
+from streams.files.sidecar import is_pulse_file, pulse_file_of, sidecar_paths
 from streams.types.large import Data
 from streams.types.listing import natural_key, unpacked_name
 from streams.types.samples import ReaderError, Samples, one_after_another, stack_rows
@@ -242,6 +244,34 @@ def _filled(pattern: str, parts: Sequence[str]) -> str:
 
 def _plain(text: str) -> str:
     return re.sub(r"\[([*?\[])\]", r"\1", text)
+
+
+@dataclass(frozen=True)
+class FilesBeside:
+    """Which files are read with another, wherever they are: the patterns of a source.
+
+    Attributes:
+        pulses: of its files of pulses, None: there are none.
+        files: of those that are read together.
+    """
+
+    pulses: str | None = None
+    files: Sequence[str] = ()
+
+    def awaited(self, path: str) -> tuple[str, ...]:
+        """Return those without which a file is not read at once: of other channels, and of pulses."""
+        marks = pulse_file_of(self.pulses, path)
+        return (*members_of(self.files, path), *(() if marks is None else (marks,)))
+
+    def all(self, path: str) -> list[str]:
+        """Return all that may be there, with the side-cars and notes of each."""
+        together = (path, *members_of(self.files, path))
+        beside = [(*sidecar_paths(one), *note_paths(one), *self.awaited(one)) for one in together]
+        return list(dict.fromkeys(name for names in beside for name in names if name != path))
+
+    def has(self, path: str) -> bool:
+        """Return whether a file is read with another: one of pulses, or of another channel."""
+        return is_pulse_file(self.pulses, path) or is_member(self.files, path)
 
 
 def not_read(patterns: Sequence[str], paths: Iterable[str], leads: Iterable[str]) -> list[str]:

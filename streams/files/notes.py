@@ -39,17 +39,20 @@ def note_of(root: Path, path: str) -> tuple[str, dict[str, object]] | None:
     ``PUMP.txt`` beside ``PUMP.wav`` has lines ``KEY: VALUE`` as a head of text; one that states nothing is none.
     ReaderError as for any file.
     """
-    stem, ending = _stem_of(path)
-    if ending not in _SILENT_ENDINGS:
-        return None
     top = str(root)
-    for name in [f"{base}{note}" for base in (stem, path) for note in NOTE_ENDINGS]:
+    for name in note_paths(path):
         if os.path.lexists(f"{top}/{name}"):
             raw = read_guarded(root, name, max_bytes=_MAX_BYTES)
             facts = head_of([decoded(line).strip() for line in raw.splitlines()]).facts
             if any(is_stating(key) or _FULL_SCALE.fullmatch(key.partition("#")[0]) for key in facts):
                 return name, facts
     return None
+
+
+def note_paths(path: str) -> list[str]:
+    """Return the paths that the text beside a recording may have; none where its format states enough."""
+    stem, ending = _stem_of(path)
+    return [f"{base}{note}" for base in (stem, path) for note in NOTE_ENDINGS] if ending in _SILENT_ENDINGS else []
 
 
 def is_note(path: str, recordings: Container[str]) -> bool:

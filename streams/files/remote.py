@@ -25,7 +25,7 @@ from models.work.filesystem import ListingError, cause, error_code, filesystem, 
 from models.work.redact import bare_url, has_user_info, redact
 from streams.files.container import is_archive
 from streams.files.download import RemoteError, download, refuse_size
-from streams.files.sidecar import pulse_file_of, sidecar_paths
+from streams.files.groups import FilesBeside
 from streams.types.listing import is_skipped, natural_key, shown
 from streams.types.spec import SourceError
 
@@ -35,6 +35,7 @@ _HTTP = ("http", "https")
 _GLOB = re.compile(r"[*?\[]")
 _FILES_AT_A_TIME = 16
 FETCHED = "fetched-"
+NOTHING_BESIDE = FilesBeside()
 _MD5 = re.compile(r"[0-9a-f]{32}")
 
 
@@ -107,16 +108,18 @@ def expand(url: str) -> list[str]:
 
 
 @contextmanager
-def fetched(url: str, scratch: Path, max_bytes: int | None = None, *, pulses: str | None = None) -> Generator[Fetched]:
+def fetched(
+    url: str, scratch: Path, max_bytes: int | None = None, *, beside: FilesBeside = NOTHING_BESIDE
+) -> Generator[Fetched]:
     """Fetch a recording (an object, or all below a prefix) below ``scratch``; it is removed at the end.
 
-    With an object come its side-car and its file of pulses, where they are there; with a file behind HTTP none. Names
-    of files and of the folder are kept, as they may date or name blocks.
+    With an object come the files that are read with it, where they are there; with a file behind HTTP none. Names of
+    files and of the folder are kept, as they may date or name blocks.
 
     Args:
         max_bytes: limit of what is fetched, by default nine tenths of what is free there; the sum of a recording is
             compared with it before the first byte.
-        pulses: pattern of the files of pulses, as of a source.
+        beside: which files are read with another one, by the patterns of the source.
 
     Raises:
         SourceError: nothing is there, it is too large, a name leads out of the folder, credentials stand in the URL.
@@ -132,15 +135,15 @@ def fetched(url: str, scratch: Path, max_bytes: int | None = None, *, pulses: st
     allowed = free_bytes(scratch) if max_bytes is None else max_bytes
     with scratch_folder(FETCHED, scratch) as folder:
         http = scheme in _HTTP
-        found = _fetch_http(place, folder, allowed) if http else _fetch_objects(place, folder, allowed, pulses)
+        found = _fetch_http(place, folder, allowed) if http else _fetch_objects(place, folder, allowed, beside)
         yield Fetched(f"{kind}{found.path}", found.path, found.size, found.etags)
 
 
 @contextmanager
-def local_source(url: str | None, folder: Path, pulses: str | None = None) -> Generator[str | None]:
+def local_source(url: str | None, folder: Path, beside: FilesBeside = NOTHING_BESIDE) -> Generator[str | None]:
     """Give the URL of a source that can be opened here: of its copy in ``folder`` where it is remote, else itself.
 
-    The folder is made for a copy and removed with it, unless something else is in it. ``pulses`` as of :func:`fetched`.
+    The folder is made for a copy and removed with it, unless something else is in it. ``beside`` as of :func:`fetched`.
 
     Raises:
         SourceError, RemoteError: as :func:`fetched`.
@@ -149,7 +152,7 @@ def local_source(url: str | None, folder: Path, pulses: str | None = None) -> Ge
         yield url
         return
     try:
-        with fetched(url, folder, pulses=pulses) as recording:
+        with fetched(url, folder, beside=beside) as recording:
             yield recording.url
     finally:
         with suppress(OSError):
@@ -222,12 +225,12 @@ def _fetch_http(url: str, folder: Path, allowed: int) -> Fetched:
     return Fetched("", target, found.size, {} if found.etag is None else {name: found.etag.strip('"')})
 
 
-def _fetch_objects(url: str, folder: Path, allowed: int, pulses: str | None) -> Fetched:
+def _fetch_objects(url: str, folder: Path, allowed: int, beside: FilesBeside) -> Fetched:
     found = remote_files(url)
     path = filesystem(url)[1]
     one = len(found) == 1 and found[0].path.strip("/") == path.strip("/")
     if one:
-        found += _files_beside(url, found[0], pulses)
+        found += _files_beside(url, found[0], beside)
     size = sum(file.size for file in found)
     count = f"{url} ({len(found)} files)" if len(found) > 1 else url
     refuse_size(count, size, allowed)
@@ -238,27 +241,18 @@ def _fetch_objects(url: str, folder: Path, allowed: int, pulses: str | None) -> 
     )
 
 
-def _files_beside(url: str, file: RemoteFile, pulses: str | None) -> list[RemoteFile]:
-    """Return the side-car of an object and its file of pulses, as far as they are there; an archive has none."""
+def _files_beside(url: str, file: RemoteFile, beside: FilesBeside) -> list[RemoteFile]:
+    """Return the objects that are read with one, as far as they are there; an archive has none."""
     if is_archive(file.name):
         return []
     files, folder = filesystem(url)[0], file.path.removesuffix(file.name)
-    marks = pulse_file_of(pulses, file.name)
+    found: list[RemoteFile] = []
     with foreseen(url, "listed"):
-        return [
-            *_first_of(files, folder, sidecar_paths(file.name)),
-            *_first_of(files, folder, () if marks is None else (marks,)),
-        ]
-
-
-def _first_of(files: Any, folder: str, names: Sequence[str]) -> list[RemoteFile]:
-    """Return the first object that is there of some names in a folder, which ends with "/"."""
-    for name in names:
-        with suppress(FileNotFoundError):
-            entry = repeated(partial(files.info, folder + name))
-            if entry.get("type") == "file":
-                return [_entry(name, folder + name, entry)]
-    return []
+        for name in beside.all(file.name):
+            with suppress(FileNotFoundError):
+                entry = repeated(partial(files.info, folder + name))
+                found += [_entry(name, folder + name, entry)] if entry.get("type") == "file" else []
+    return found
 
 
 def fetch_files(url: str, found: Sequence[RemoteFile], targets: Mapping[str, Path]) -> None:

@@ -14,8 +14,19 @@ from models.platform.scratch import free_bytes, scratch_folder
 from models.work.filesystem import filesystem
 from streams.files.container import Item, read_regular
 from streams.files.download import refuse_size
-from streams.files.remote import FETCHED, RemoteFile, fetch_files, fetched, foreseen, remote_files, split_url, target_of
-from streams.files.sidecar import FOLDER_NAMES, pulse_file_of
+from streams.files.groups import FilesBeside
+from streams.files.remote import (
+    FETCHED,
+    NOTHING_BESIDE,
+    RemoteFile,
+    fetch_files,
+    fetched,
+    foreseen,
+    remote_files,
+    split_url,
+    target_of,
+)
+from streams.files.sidecar import FOLDER_NAMES
 from streams.types.large import Data
 from streams.types.listing import shown
 
@@ -45,10 +56,10 @@ class OpenedRemote:
 
 
 @contextmanager
-def opened_remote(url: str, scratch: Path, pulses: str | None = None) -> Generator[OpenedRemote]:
+def opened_remote(url: str, scratch: Path, beside: FilesBeside = NOTHING_BESIDE) -> Generator[OpenedRemote]:
     """Open a recording below ``scratch``: an object is fetched, of a prefix the names of its objects are.
 
-    What was fetched is removed at the end; ``pulses`` as of :func:`streams.files.remote.fetched`.
+    What was fetched is removed at the end; ``beside`` as of :func:`streams.files.remote.fetched`.
 
     Raises:
         SourceError, RemoteError: as :func:`streams.files.remote.fetched`, of the files of a prefix when they are read.
@@ -57,14 +68,14 @@ def opened_remote(url: str, scratch: Path, pulses: str | None = None) -> Generat
     found = remote_files(place) if scheme not in ("file", "http", "https") else []
     path = "" if not found else filesystem(place)[1]
     if not found or found[0].path.strip("/") == path.strip("/"):
-        with fetched(url, scratch, pulses=pulses) as one:
+        with fetched(url, scratch, beside=beside) as one:
             yield OpenedRemote(one.url, None, one.size)
         return
     with scratch_folder(FETCHED, scratch) as folder:
         root = folder / PurePosixPath(path).name
         with foreseen(place, "fetched"):
             root.mkdir()
-        yield OpenedRemote(f"{kind}{root}", RemoteFolder(place, found, root, pulses))
+        yield OpenedRemote(f"{kind}{root}", RemoteFolder(place, found, root, beside))
 
 
 class RemoteFolder:
@@ -73,12 +84,12 @@ class RemoteFolder:
     sequential = False
     several = True
 
-    def __init__(self, url: str, found: list[RemoteFile], root: Path, pulses: str | None = None) -> None:
+    def __init__(self, url: str, found: list[RemoteFile], root: Path, beside: FilesBeside = NOTHING_BESIDE) -> None:
         """Take the objects, at first in the order of their names, and fetch the side-cars of folders into ``root``."""
         self.root = root.resolve()
         self.closed: list[str] = []
         self.fetched_bytes = 0
-        self._url, self._pulses = url, pulses
+        self._url, self._beside = url, beside
         self._files = {file.name: file for file in found}
         self._kept = {name for name in self._files if PurePosixPath(name).name in FOLDER_NAMES}
         self._here: set[str] = set()
@@ -103,17 +114,17 @@ class RemoteFolder:
             self._here = batch
         return read_regular(self.root, name)
 
-    def _beside(self, name: str) -> set[str]:
-        """Return the files that are read together with one: itself, its side-car and its pulses."""
-        return {name, f"{name}.json", pulse_file_of(self._pulses, name) or name} & self._files.keys()
+    def _together(self, name: str) -> set[str]:
+        """Return the files that are read with one, itself among them."""
+        return ({name, *self._beside.all(name)} & self._files.keys()) - self._kept
 
     def _batch(self, name: str) -> set[str]:
         """Return a file and those that will be read behind it, as many as may be here at once."""
-        chosen = self._beside(name)
+        chosen = self._together(name)
         size = sum(self._files[one].size for one in chosen)
         place = self._places.get(name, len(self._names))
         for following in self._names[place + 1 : place + MAX_FILES]:
-            more = self._beside(following) - chosen
+            more = self._together(following) - chosen
             size += sum(self._files[one].size for one in more)
             if size > MAX_BATCH_BYTES:
                 break

@@ -90,28 +90,12 @@ def recordings_of(
         parted: gives the group of a row, and its name in it.
         dated: gives what is stated of a row of the time of the first sample.
         kind: of the groups in messages.
-        torn: why groups broke off: those are left out, if they would be recordings were they whole.
+        torn: why groups broke off: those are left out, if they would be recordings were they whole; else the answer is
+            None.
 
     Raises:
-        ReaderError: as ``read``, and as :func:`successive`; ``incomplete`` where no group is left, or what broke off
-            may be no recording of its own.
+        ReaderError: as ``read``, and as :func:`successive`.
     """
-    found = _recordings_of(rows, name, zone, read, parted, dated, kind, torn or {})
-    if found is None and torn:
-        raise ReaderError("incomplete", next(iter(torn.values())))
-    return found
-
-
-def _recordings_of(
-    rows: Sequence[StatedRow],
-    name: str,
-    zone: str,
-    read: Callable[[Sequence[StatedRow]], Samples],
-    parted: Callable[[StatedRow], tuple[str, str]],
-    dated: Callable[[Facts, str], list[Start]],
-    kind: str,
-    torn: Mapping[str, str],
-) -> Samples | None:
     groups: dict[str, list[StatedRow]] = {}
     for row in rows:
         title, short = parted(row)
@@ -134,6 +118,7 @@ def _recordings_of(
     apart = max(starts.values()) - min(starts.values())
     if not apart:
         return None
+    torn = torn or {}
     titles = sorted(starts.keys() - torn, key=lambda title: starts[title])
     if not titles or any(starts[title] == starts[other] for title in torn for other in titles):
         return None

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from streams.files.groups import is_member, members_of
-from streams.files.sidecar import is_pulse_file, pulse_file_of
+from streams.files.groups import FilesBeside
 from streams.types.listing import Stat
 
 
@@ -16,12 +15,9 @@ class Awaited:
     without pulses, and rejected without a channel.
     """
 
-    def __init__(self, pattern: str | None, settle_s: float, files: Sequence[str] = ()) -> None:
-        """Take the pattern of the files of pulses, None: there are none; ``settle_s`` is the settling time.
-
-        ``files``: patterns of files that are read together.
-        """
-        self._pattern, self._settle, self._files = pattern, settle_s, files
+    def __init__(self, beside: FilesBeside, settle_s: float) -> None:
+        """Take the files that are read with others; ``settle_s`` is the settling time."""
+        self._beside, self._settle = beside, settle_s
         self._there: dict[str, tuple[Stat, float]] = {}
 
     def note(self, path: str, stat: Stat, now: float) -> None:
@@ -38,8 +34,7 @@ class Awaited:
 
     def holds(self, path: str, changed: float, now: float) -> bool:
         """Return whether a file that last changed at ``changed``, s, waits for one that is read with it."""
-        pulses = pulse_file_of(self._pattern, path)
-        beside = (*members_of(self._files, path), *(() if pulses is None else (pulses,)))
+        beside = self._beside.awaited(path)
         if not beside or now - changed >= HOLD * self._settle:
             return False
         found = [self._there.get(other) for other in beside]
@@ -47,7 +42,7 @@ class Awaited:
 
     def has(self, path: str) -> bool:
         """Return whether a file is read with another."""
-        return is_pulse_file(self._pattern, path) or is_member(self._files, path)
+        return self._beside.has(path)
 
 
 Order = tuple[object, ...]

@@ -5,10 +5,11 @@ from __future__ import annotations
 import heapq
 import itertools
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 
+from streams.files.groups import FilesBeside
 from streams.files.sidecar import is_sidecar
 from streams.folder.copying import HOLD, Awaited, CopyDetector, Order
 from streams.folder.inquiry import ARCHIVED, Inquiry
@@ -47,15 +48,14 @@ class Register:
         settle_s: float,
         order_of: Callable[[str], Order | None],
         now: float,
-        pulses: str | None = None,
-        files: Sequence[str] = (),
+        beside: FilesBeside,
     ) -> None:
         """Begin with the pending files of the ledger.
 
         ``settle_s`` is the time for which a file must be unchanged; ``order_of`` gives the sorting key of a path, None
-        for a file of another kind; ``pulses`` and ``files`` are patterns of files that are read with others.
+        for a file of another kind; ``beside`` tells the files that are read with others.
         """
-        self._awaited = Awaited(pulses, settle_s, files)
+        self._awaited = Awaited(beside, settle_s)
         self.waiting: dict[str, FileEntry] = {}
         self.inquiry = Inquiry(source, ledger, self.waiting)
         self._others: set[str] = set()

@@ -17,7 +17,7 @@ from streams.dates.dater import Dater
 from streams.dates.dating import Dating, kept_dating
 from streams.files.container import Folder, check_readable
 from streams.files.datasets import DataSet
-from streams.files.groups import is_member, name_groups
+from streams.files.groups import FilesBeside, is_member, name_groups
 from streams.files.load import Loader, is_cut, is_dated_by_choice
 from streams.files.recognise import data_set_of
 from streams.files.sidecar import is_pulse_file
@@ -119,7 +119,8 @@ class FolderSource(LiveSource):
         self._intake = None
         now = self._clock.monotonic()
         spec = self._spec
-        self._register = Register(self.name, ledger, spec.settle_s, self._order_of, now, spec.pulses, spec.files)
+        beside = FilesBeside(spec.pulses, spec.files)
+        self._register = Register(self.name, ledger, spec.settle_s, self._order_of, now, beside)
         self._next_scan = now
 
     def _look(self) -> tuple[Path, DataSet | None]:

@@ -194,6 +194,8 @@ def join_arrays(
         return group, short
 
     several = recordings_of(rows, name, zone, joined, parted=parted, torn=torn) if separator else None
+    if several is None and torn:
+        raise ReaderError("incomplete", next(iter(torn.values())))
     return joined(rows) if several is None else several
 
 

@@ -68,23 +68,15 @@ def read_tdms(
     """
     if not data:
         raise ReaderError("empty", f"{name}: the file has 0 bytes")
-    segments, broken = _segments(data, name)
     tdms = _nptdms()
-    torn: list[StatedRow] = []
-    if broken is not None:
-        with suppress(ReaderError), readable(name, "a readable TDMS file"):
-            torn = _torn_rows(data, segments, patterns, tdms)
-        if not torn or not segments[-1] or pulses is not None:
-            raise broken
-        data = data[: segments[-1]]
-    left_out = {_parted(row)[0]: str(broken) for row in torn}
+    data, torn, broken = _whole_part(data, name, patterns if pulses is None else None, tdms)
+    left_out = {_parted(row)[0]: str(broken) for row in torn} if torn else {}
     with (
         readable(name, "a readable TDMS file"),
         stream_of(data) as stream,
         tdms.TdmsFile.open(stream) as file,
     ):
-        groups = [group for group in file.groups() if group.name not in left_out]
-        channels = [channel for group in groups for channel in group.channels()]
+        channels = [channel for group in file.groups() if group.name not in left_out for channel in group.channels()]
         if broken is not None and not channels:
             raise broken
         check_rows(len(channels), name, "channels")
@@ -118,6 +110,8 @@ def read_tdms(
 
     if pulses is None:
         several = recordings_of([*stated, *torn], name, zone, joined, parted=_parted, dated=_dated, torn=left_out)
+        if several is None and broken is not None:
+            raise broken
         return joined(stated) if several is None else several
     samples = joined(stated)
     title, times, facts = only_one(marks, pulses, name) or (None, None, None)
@@ -251,6 +245,26 @@ def _segments(data: Data, name: str) -> tuple[list[int], ReaderError | None]:
             raise ReaderError("unreadable", f"{name}: the segment at byte {position} contradicts itself")
         position = end
     return found, None
+
+
+def _whole_part(
+    data: Data, name: str, patterns: Sequence[str] | None, tdms: Any
+) -> tuple[Data, list[StatedRow], ReaderError | None]:
+    """Return the whole segments, the channels of one behind them that breaks off, and how; all where none does.
+
+    Raises:
+        ReaderError: as :func:`_segments`; ``incomplete`` where nothing is known of that segment, or wanted without
+            ``patterns``.
+    """
+    segments, broken = _segments(data, name)
+    if broken is None:
+        return data, [], None
+    torn: list[StatedRow] = []
+    with suppress(ReaderError), readable(name, "a readable TDMS file"):
+        torn = [] if patterns is None or not segments[-1] else _torn_rows(data, segments, patterns, tdms)
+    if not torn:
+        raise broken
+    return data[: segments[-1]], torn, broken
 
 
 def _torn_rows(data: Data, segments: Sequence[int], patterns: Sequence[str], tdms: Any) -> list[StatedRow]:

@@ -172,18 +172,12 @@ def _described(functions: list[Function], si: bool, name: str, zone: str, disreg
             rows, times, titles, of_node, nodes, facts, rates, strict=True
         )
     ]
-    several = recordings_of(
-        repeated,
-        name,
-        zone,
-        joined,
-        parted=_parted,
-        dated=_dated,
-        kind="set",
-        torn={str(times[place]): reason for place, reason in short.items()},
-    )
+    torn = {str(times[place]): reason for place, reason in short.items()}
+    several = recordings_of(repeated, name, zone, joined, parted=_parted, dated=_dated, kind="set", torn=torn)
     if several is not None:
         return several
+    if torn:
+        raise ReaderError("incomplete", next(iter(torn.values())))
     names = [title if title and title != "NONE" and titles.count(title) == 1 else node
              for title, node in zip(titles, nodes, strict=True)]  # fmt: skip
     if (again := next((title for title in names if names.count(title) > 1), None)) is not None:

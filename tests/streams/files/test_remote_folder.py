@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import datetime
+import gzip
+import itertools
 import uuid
 from collections.abc import Mapping
 from dataclasses import replace
@@ -13,6 +15,7 @@ import pytest
 
 from models.fleet.object_store import ObjectStore
 from streams.files import remote, remote_folder
+from streams.files.groups import FilesBeside
 from streams.files.remote import local_source
 from streams.files.remote_folder import OpenedRemote, opened_remote
 from streams.open import open_source
@@ -228,13 +231,13 @@ def test_an_object_is_read_with_the_files_beside_it(beside: str, tmp_path: Path,
     (folder / beside).write_text(own)
     (folder / "run-1.pulses.csv").write_text("0.1\n0.5\n")
     (folder / "run-2.npy.json").write_text('{"rate_hz": 50}')
-    with opened_remote(f"{stored(folder)}/run-1.npy", tmp_path / "scratch", PULSES) as found:
+    with opened_remote(f"{stored(folder)}/run-1.npy", tmp_path / "scratch", FilesBeside(PULSES)) as found:
         assert found.files is None
         items = list(iter(open_source(spec_of(found.url, PULSES))))
     assert seen(items) == seen(list(open_source(spec_of(str(folder / "run-1.npy"), PULSES))))
     assert [pulses_of(item) for item in items] == [[0.1, 0.5]]
     assert sorted(gets) == sorted(["run-1.npy", beside, "run-1.pulses.csv"])
-    with local_source(f"{stored(folder)}/run-1.npy", tmp_path / "scratch", PULSES) as url:
+    with local_source(f"{stored(folder)}/run-1.npy", tmp_path / "scratch", FilesBeside(PULSES)) as url:
         assert seen(list(open_source(spec_of(url or "", PULSES)))) == seen(items)
 
 
@@ -245,7 +248,7 @@ def pulses_of(item: Block | Rejected) -> list[float] | None:
 def test_an_object_without_files_beside_it_is_fetched_alone(tmp_path: Path, gets: list[str]) -> None:
     folder = written(tmp_path / "local" / "press", {"run-1.npy": np.arange(100.0)})
     (folder / "run-2.npy.json").write_text('{"rate_hz": 50}')
-    with opened_remote(f"{stored(folder)}/run-1.npy", tmp_path / "scratch", PULSES):
+    with opened_remote(f"{stored(folder)}/run-1.npy", tmp_path / "scratch", FilesBeside(PULSES)):
         assert gets == ["run-1.npy"]
 
 
@@ -267,3 +270,76 @@ def test_an_archive_of_prefixes_in_parts_has_the_records_of_folders(
         assert_same_records(tmp_path / "out" / "m" / folder.name, folder)
     # Bands are chosen of so few blocks by a pass of its own, and a part fetches the last file of the one before again.
     assert len(fetched) <= 3 * 8
+
+
+GROUPS = ("*_ch1.csv.gz", "*_ch2.csv.gz")
+
+
+def of_channels(folder: Path, count: int) -> Path:
+    """Write recordings of one file a channel; of the second one the unit is in a side-car."""
+    rng = np.random.default_rng(3)
+    folder.mkdir(parents=True)
+    for number, channel in itertools.product(range(count), (1, 2)):
+        rows = "\n".join(f"{value:.6f}" for value in rng.standard_normal(100))
+        head = "Sample rate: 100 Hz\n" + ("Unit: g\n" if channel == 1 else "")
+        name = f"2024-01-01T00-{number:02d}-00_ch{channel}.csv.gz"
+        (folder / name).write_bytes(gzip.compress(f"{head}acc\n{rows}\n".encode()))
+        if channel == 2:
+            (folder / f"{name}.json").write_text('{"unit": "g"}')
+    return folder
+
+
+def of_groups(url: str) -> SourceSpec:
+    channels = tuple(ChannelSpec(name, column=name) for name in ("ch1", "ch2"))
+    return SourceSpec("s", url, block_s="file", channels=channels, files=GROUPS)
+
+
+@pytest.mark.parametrize("files", [1, 3, 16])
+def test_files_of_one_channel_each_are_read_together(
+    files: int, tmp_path: Path, gets: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remote_folder, "MAX_FILES", files)
+    folder = of_channels(tmp_path / "local" / "press", 5)
+    expected = seen(list(open_source(of_groups(str(folder)))))
+    assert len(expected) == 5
+    with opened_remote(stored(folder), tmp_path / "scratch", FilesBeside(files=GROUPS)) as found:
+        source = open_source(of_groups(found.url), files=found.files)
+        gets.clear()
+        items = [*iter(source)]
+    assert seen(items) == expected
+    assert all(isinstance(item, Block) and len(item.channels) == 2 for item in items)
+    assert len(gets) == len(set(gets))
+    with (
+        opened_remote(stored(folder), tmp_path / "scratch") as found,
+        pytest.raises(SourceError, match=r'files = \["\*_ch1.csv.gz", "\*_ch2.csv.gz"\]'),
+    ):
+        open_source(replace(of_groups(found.url), files=()), files=found.files)
+
+
+def test_a_channel_that_is_not_in_the_storage_is_said(tmp_path: Path) -> None:
+    folder = of_channels(tmp_path / "local" / "press", 2)
+    (folder / "2024-01-01T00-01-00_ch2.csv.gz").unlink()
+    with opened_remote(stored(folder), tmp_path / "scratch", FilesBeside(files=GROUPS)) as found:
+        first, second = open_source(of_groups(found.url), files=found.files)
+    assert isinstance(first, Block)
+    assert isinstance(second, Rejected)
+    assert (second.status, "00-01-00_ch2.csv.gz" in second.reason) == ("incomplete", True)
+
+
+def test_with_an_object_come_those_of_other_channels_and_notes(tmp_path: Path) -> None:
+    folder = of_channels(tmp_path / "local" / "press", 1)
+    name = "2024-01-01T00-00-00_ch1.csv.gz"
+    with local_source(f"{stored(folder)}/{name}", tmp_path / "scratch", FilesBeside(files=GROUPS)) as url:
+        assert url is not None
+        (block,) = open_source(of_groups(url))
+        assert seen([block]) == seen(list(open_source(of_groups(str(folder / name)))))
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_text_beside_a_recording_is_fetched_with_it(alone: bool, tmp_path: Path) -> None:
+    folder = written(tmp_path / "local" / "press", {"run-1.npy": np.random.default_rng(1).standard_normal(150)})
+    (folder / "run-1.txt").write_text("Sample rate: 100 Hz\nUnit: m/s2\n")
+    with opened_remote(f"{stored(folder)}{'/run-1.npy' if alone else ''}", tmp_path / "scratch") as found:
+        (block, *_) = open_source(spec_of(found.url), files=found.files)
+    assert isinstance(block, Block)
+    assert (block.rate, block.units) == (100.0, ("m/s2",))
