@@ -161,6 +161,17 @@ def test_a_doubt_is_logged_once_and_flags_nothing(form: str, tmp_path: Path, cap
     assert not caplog.records
 
 
+def test_data_sets_of_one_value_state_what_attributes_do(tmp_path: Path) -> None:
+    beside = {"smpl_clk_hz": (np.float64(25600.0), {}), "acq_begin": (b"2024-01-01T00:00:00Z", {})}
+    path = write_hdf5(tmp_path / "x.h5", ROWS, START_TEXT, {"unit": "g"}, fs=(np.float64(RATE), {}), **beside)
+    assert sw.read(path).attrs["rate_hz"] == RATE
+    found = " ".join(doubts_in(tmp_path, path))
+    assert all(text in found for text in ("smpl_clk_hz '25600.0'", "acq_begin '2024-01-01T00:00:00Z'"))
+    wrong = write_hdf5(tmp_path / "y.h5", ROWS, {"fs": RATE}, {"unit": "g"}, dt=(np.float64(2e-4), {}))
+    with pytest.raises(sw.SpallwatchError, match=r"4096.*5000|5000.*4096"):
+        sw.read(wrong)
+
+
 def test_a_note_beside_a_recording_bears_on_it(tmp_path: Path) -> None:
     np.save(tmp_path / "x.npy", ROWS[0])
     (tmp_path / "x.txt").write_text("Sample Rate: 4096 Hz\nUnit: g\nsmpl_clk_hz: 25600\n", encoding="utf-8")

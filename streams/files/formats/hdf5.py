@@ -21,8 +21,9 @@ from streams.files.packing import attribute_facts, property_fill, unpacked
 from streams.files.parse.complete import hdf5_size
 from streams.files.parse.worker import check_claim, from_disk, library, readable
 from streams.files.pulse_times import matches_pulses, only_one, own_facts, sought, with_pulses
-from streams.files.statements import STORED, Facts, nearest
+from streams.files.statements import STORED, Facts, nearest, plain_key
 from streams.files.successive import recordings_of
+from streams.files.unlisted import is_stating
 from streams.types import large
 from streams.types.large import Data, FileBytes, array_on_disk, forget_pages, longest_axis, parts_along
 from streams.types.samples import DIGITAL, ReaderError, Samples, check_rows, may_be_rows, rows_of
@@ -65,8 +66,8 @@ def read_hdf5(
     """Read the numeric data sets of an HDF5 file.
 
     Rate, unit and time of the first sample are taken from the attributes of the data set, of the groups that hold it
-    and of the file, which must agree. Each vector gives a row, a matrix one for each vector of it, named ``PATH_1`` and
-    so on.
+    and of the file, and from data sets of one value in them, which must agree. Each vector gives a row, a matrix one
+    for each vector of it, named ``PATH_1`` and so on.
 
     Args:
         patterns: of the paths of the wanted data sets, such as ``run1/acc*``, or of their names in groups; none: all.
@@ -229,7 +230,8 @@ def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/
     seen: set[Any] = set()
     stack: list[tuple[str, Any, Facts]] = [("", file, attributes(file))]
     while stack:
-        prefix, group, inherited = stack.pop()
+        prefix, group, outer = stack.pop()
+        inherited = nearest(outer, _scalars(group), _around(prefix))
         below: list[tuple[str, Any, Facts]] = []
         for key in sorted(group):
             if key.startswith(_HIDDEN):
@@ -253,6 +255,20 @@ def walk(file: Any, name: str, patterns: Sequence[str] = (), separator: str = "/
             elif hasattr(item, "shape") and matches:
                 yield Found(path, item, nearest(inherited, own, _around(prefix)), own)
         stack.extend(reversed(below))
+
+
+def _scalars(group: Any) -> dict[str, object]:
+    """Return what data sets of one value in a group state, as attributes do."""
+    stating = [key for key in sorted(group)[:_MAX_OBJECTS] if is_stating(plain_key(key))]
+    found: list[tuple[str, Any]] = []
+    for key in stating[:_MAX_ATTRIBUTES]:
+        item = group[key] if type(group.get(key, getlink=True)).__name__ == "HardLink" else None
+        shape = getattr(item, "shape", None)
+        if item is None or shape is None or prod(shape) != 1 or item.external or item.is_virtual:
+            continue
+        if item.dtype.kind in "fiuSO" and item.dtype.itemsize <= _MAX_ATTRIBUTE_BYTES:
+            found.append((key, item[()]))
+    return attribute_facts(found)
 
 
 def _around(group: str) -> str:
