@@ -366,7 +366,7 @@ def judged(
         open_multiplier=next((one.multiplier for one in beside if one.multiplier), ""),
         stated_speed=_common([one.speed for one in beside]),
         stated_load=_common([one.load for one in beside]),
-        unlisted=bearing_on(unlisted, units),
+        unlisted=bearing_on(unlisted, units) if unlisted else (),
     )
 
 

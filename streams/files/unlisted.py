@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -245,10 +245,10 @@ def unlisted_in(
     found: list[UnlistedStatement] = []
     for key, value in facts.items():
         plain, _, place = key.partition("#")
+        if plain in KEYS and not (plain in _WITHOUT_UNIT and number_in(value, "", {"": 1.0}) is not None):
+            continue
         written = written_key(key)
         if " " in plain and written == plain:
-            continue
-        if plain in KEYS and not (plain in _WITHOUT_UNIT and number_in(value, "", {"": 1.0}) is not None):
             continue
         for fact, unit in bearings_of(written):
             stated = _stated(fact, unit, f"{place or written}{inside}", value, rows, zone)
@@ -258,8 +258,10 @@ def unlisted_in(
     return tuple(found)
 
 
-def bearing_on(found: Iterable[UnlistedStatement], units: Sequence[str | None]) -> tuple[UnlistedStatement, ...]:
+def bearing_on(found: Sequence[UnlistedStatement], units: Sequence[str | None]) -> tuple[UnlistedStatement, ...]:
     """Return statements once each; a gain matters to rows in V or in none of the ``units`` alone."""
+    if not found:
+        return ()
     is_raw = any(unit is None or multiple_of(unit)[0] == "V" or not is_of_vibration(unit) for unit in units)
     return tuple(one for one in dict.fromkeys(found) if is_raw or one.fact != "gain")
 
