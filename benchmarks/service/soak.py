@@ -43,7 +43,7 @@ TARGET_SLOPE = 1000.0
 _LOOKS = 400
 _WARM_UP = 0.2
 _CLI = "from monitor.cli import main; main()"
-_ROLES = {"service.publisher": "publisher", "web.server": "page"}
+_ROLES = {"service.publisher": "publisher", "web.server": "page", "opcua_server": "OPC UA"}
 
 
 @dataclass

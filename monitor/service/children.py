@@ -3,7 +3,7 @@
 Pauses and bound are those of :mod:`models.platform.supervision`.
 
 A server reports on its standard output, one JSON object a line: ``url`` once it listens, ``problem``, and anything
-every few seconds.
+every few seconds, also ``listener``, counts of its connections.
 """
 
 from __future__ import annotations
@@ -211,6 +211,8 @@ class ServerProcess:
         """Address of the server once it answers, or None."""
         self.problem: str | None = None
         """Why nothing is served, or None."""
+        self.listener: Mapping[str, Any] | None = None
+        """Counts of its connections, where it reports them."""
 
     @property
     def pid(self) -> int | None:
@@ -260,6 +262,7 @@ class ServerProcess:
     def _take(self, line: dict[str, Any]) -> None:
         if "problem" in line:
             self._reason = str(line["problem"])
+        self.listener = line.get("listener", self.listener)
         if "url" in line:
             self.url = str(line["url"])
             _LOG.info("%s is at %s", self._name, self.url)
@@ -267,7 +270,7 @@ class ServerProcess:
 
     def _fail(self, problem: str) -> None:
         child, self._child = self._child, None
-        self.url = None
+        self.url = self.listener = None
         if child is not None:
             child.end()
         self.restarts.failed(problem)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from models.platform.supervision import Restarts
 from monitor.config.load import Config
@@ -79,6 +80,10 @@ class Companions:
     def url(self) -> str | None:
         """Address of the page once it answers, or None."""
         return self._servers["page"].url if "page" in self._servers else None
+
+    def listeners(self) -> dict[str, Mapping[str, Any]]:
+        """Return the counts of connections of the servers that report them, by name."""
+        return {name: server.listener for name, server in self._servers.items() if server.listener is not None}
 
     def committed(self, *, events: bool) -> None:
         """Note that a block was committed, and whether the event log has something new."""

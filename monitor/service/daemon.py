@@ -328,7 +328,8 @@ class Daemon:
             progress = {"progress_age_s": self._ingest.progress.ages(), "stalled": self._stalled, "boot": self._boot}
             restarts = {name: found.values() for name, found in self._restarts().items() if found.failures}
             values = self._status.values(status, self.problems(), self._failures())
-            self._file.write({**values, **progress, "restarts": restarts})
+            listeners = self._ingest.listeners() | self._companions.listeners()
+            self._file.write({**values, **progress, "restarts": restarts, "listeners": listeners})
         except Exception as error:  # A status that cannot be composed must not end the daemon.
             reason = getattr(error, "strerror", None) or error
             problem = f"{self._file.path}: cannot be written ({reason})"

@@ -183,6 +183,11 @@ class Ingest(Pipeline, Closing):
         """Return what is known of the failures of threads of the sources, by the name of the thread."""
         return {found.name: found for source in self.sources for found in source.restarts()}
 
+    def listeners(self) -> dict[str, Mapping[str, Any]]:
+        """Return the counts of connections of each source that listens, by name."""
+        found = {source.name: source.listener() for source in self.sources}
+        return {name: counts for name, counts in found.items() if counts is not None}
+
     def backlogs(self) -> dict[str, Backlog]:
         """Return the progress of each source, by name."""
         return {source.name: source.backlog() for source in self.sources}

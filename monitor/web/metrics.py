@@ -73,6 +73,8 @@ class Measures:
         disable_created_metrics()
         self.registry = CollectorRegistry()
         ProcessCollector(registry=self.registry)
+        self.listener: Callable[[], Mapping[str, Any]] | None = None
+        """Gives the counts of the page's own connections, once it listens."""
         self._requests = Counter(
             "spallwatch_page_requests", "requests answered by the page", ("address", "status"), registry=self.registry
         )
@@ -99,6 +101,7 @@ def metrics(site: Machines, measures: Measures, streams: int) -> bytes:
     families = [listening, InfoMetricFamily("spallwatch_build", "version of the page", {"version": __version__})]
     for collect in (_daemons, _channels, _levels, _blocks):
         families += list(collect(site))
+    families += _listeners(site, measures)
     return generate_latest(_Families(families)) + generate_latest(measures.registry)
 
 
@@ -233,6 +236,28 @@ def _blocks(site: Machines) -> Iterator[Metric]:
             gauges["source_pending_blocks"].add_metric(label, backlog["pending"])
             gauges["source_oldest_pending_age_seconds"].add_metric(label, backlog["oldest_age_s"] or 0.0)
     return iter((counted, *gauges.values()))
+
+
+def _listeners(site: Machines, measures: Measures) -> Iterator[Metric]:
+    """Yield the counts of the page's own connections, and those that the daemons state of theirs."""
+    labels = ("machine", "listener")
+    opened = GaugeMetricFamily("spallwatch_listener_connections", "open connections", labels=labels)
+    taken = CounterMetricFamily("spallwatch_listener_accepted", "connections that were accepted", labels=labels)
+    received = CounterMetricFamily("spallwatch_listener_received_bytes", "bytes received", labels=labels)
+    refused = CounterMetricFamily(
+        "spallwatch_listener_refused", "connections refused or ended", labels=(*labels, "cause")
+    )
+    found = {} if measures.listener is None else {("", "page"): measures.listener()}
+    for machine in site:
+        stated = machine.status().values.get("listeners", {})
+        found |= {(machine.name, listener): counts for listener, counts in stated.items()}
+    for label, counts in found.items():
+        opened.add_metric(label, counts["connections"])
+        taken.add_metric(label, counts["accepted"])
+        received.add_metric(label, counts["received_bytes"])
+        for cause, number in counts["refused"].items():
+            refused.add_metric((*label, cause), number)
+    return iter((opened, taken, received, refused))
 
 
 def _or_none(make: Callable[[], Any]) -> Any:

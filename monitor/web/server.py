@@ -34,7 +34,8 @@ from monitor.web.machines import Machines
 from monitor.web.security import Doors
 from monitor.web.users import USERS_FILE, Users
 from monitor.words.numbers import count
-from streams.link.front import Door
+from streams.link.entrance import Entrance
+from streams.link.front import Cause, Door
 
 Report = Callable[[dict[str, Any]], object]
 
@@ -46,7 +47,9 @@ _MAX_STUCK = 3
 _ALIVE_S = 5.0
 _MAX_HEAD_BYTES = 8192
 _KEEP_ALIVE_S = 15
-_BACKLOG = 128
+_BACKLOG = 512
+_CONNECTIONS_PER_S = 400.0
+"""Of all clients; a browser begins with six."""
 
 
 class LimitedProtocol(H11Protocol):
@@ -74,7 +77,7 @@ class LimitedProtocol(H11Protocol):
         idlest = self.door.room_for(self._address)
         if idlest is not None:
             self.door.remove(idlest)
-            idlest.transport.abort()
+            idlest.end("replaced")
         self.door.add(self, self._address)
         self._head = self.loop.call_later(self.head_within, self._give_up)
         self._watch = self.loop.call_later(self.head_within, self._check_progress)
@@ -90,6 +93,7 @@ class LimitedProtocol(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Process data; a head that has begun must be complete in time."""
+        self.door.received_bytes += len(data)
         super().data_received(data)
         if self._streaming:
             self.door.remove(self)
@@ -127,7 +131,17 @@ class LimitedProtocol(H11Protocol):
     def _give_up(self) -> None:
         self._head = None
         if not self.transport.is_closing():
-            self.transport.abort()
+            self.end("slow")
+
+    def end(self, cause: Cause) -> None:
+        """End the connection at once; the cause is counted."""
+        self.door.refused[cause] += 1
+        self.transport.abort()
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse what is no request."""
+        self.door.refused["message"] += 1
+        super().send_400_response(msg)
 
     def _check_progress(self) -> None:
         """End the connection if waiting data has not moved for a while."""
@@ -135,7 +149,7 @@ class LimitedProtocol(H11Protocol):
         self._stuck = self._stuck + 1 if pending and pending == self._pending else 0
         self._pending = pending
         if self._stuck >= _MAX_STUCK:
-            self.transport.abort()
+            self.end("unread")
             return
         self._watch = self.loop.call_later(self.head_within, self._check_progress)
 
@@ -183,12 +197,24 @@ async def serve(
         users = Users(web.users_file or state_dir / USERS_FILE)
         folders = ImportFolders(web.import_folders, configurations or state_dir.parent)
         site = Site(machines, doors, Doorkeeper(token, users), web.max_streams, folders)
-        server = _Server(_settings(site, web))
+        door: Door[LimitedProtocol] = Door(
+            MAX_CONNECTIONS, max(MAX_CONNECTIONS // 2, 1), lambda connection: connection.idleness
+        )
+        site.measures.listener = door.counts
+        settings = _settings(site, web, door)
+        server = _Server(settings)
+        make = partial(settings.http_protocol_class, settings, server.server_state, {})
+        entrance = Entrance(listening, door, make, settings.ssl, _CONNECTIONS_PER_S)
         with site:
             beating = partial(_beat, report, web.url(doors.port), site.tend)
-            tasks = {"the beat of the page": beating, "the stream of the page": site.hub.run}
+            tasks = {
+                "the beat of the page": beating,
+                "the stream of the page": site.hub.run,
+                "the entrance of the page": entrance.run,
+            }
             beside = [asyncio.create_task(keep_running(name, run)) for name, run in tasks.items()]
-            serving = asyncio.create_task(server.serve([listening]))
+            # It has no socket of its own: the entrance gives it connections.
+            serving = asyncio.create_task(server.serve([]))
             try:
                 ended, _ = await asyncio.wait((serving, *beside), return_when=asyncio.FIRST_COMPLETED)
                 for task in ended:
@@ -201,13 +227,10 @@ async def serve(
                 await server.abandon()
 
 
-def _settings(site: Site, web: WebSection) -> uvicorn.Config:
-    class Protocol(LimitedProtocol):
-        door = Door(MAX_CONNECTIONS, max(MAX_CONNECTIONS // 2, 1), lambda connection: connection.idleness)
-
+def _settings(site: Site, web: WebSection, door: Door[LimitedProtocol]) -> uvicorn.Config:
     settings = uvicorn.Config(
         application(site),
-        http=Protocol,
+        http=type("Protocol", (LimitedProtocol,), {"door": door}),
         ws="none",
         lifespan="off",
         log_config=None,

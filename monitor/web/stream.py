@@ -26,7 +26,7 @@ _HEARTBEAT_S = 5.0
 _COMMENT_S = 15.0
 _MAX_WAITING = 64
 _MAX_RECORDS = 5000
-_RESTLESS = ("updated_utc", "up_s", "channels", "sources", "blocks", "progress_age_s")
+_RESTLESS = ("updated_utc", "up_s", "channels", "sources", "blocks", "progress_age_s", "listeners")
 """Keys that change all the time; they are sent with other changes, or with the heartbeat."""
 Subject = tuple[str, str]
 

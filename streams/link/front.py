@@ -6,10 +6,11 @@ The page, the TCP receiver and the OPC UA server use it; the table of their limi
 from __future__ import annotations
 
 import ipaddress
+import math
 import time
 from collections import Counter
 from collections.abc import Callable, Hashable
-from typing import Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar, get_args
 
 from models.words.errors import SpallwatchError
 
@@ -20,6 +21,11 @@ FREE_GUESSES = 5
 FORGET_S = 900.0
 _FIRST_DELAY_S, _MAX_DELAY_S = 1.0, 5.0
 _MAX_CLIENTS = 10_000
+Cause = Literal["address", "full", "message", "rate", "replaced", "secret", "slow", "unread"]
+"""Why connections are refused or ended, see docs/reference/daemon.md."""
+_LATELY_S = 2.0
+"""Time in which a connection counts less and less."""
+_FEWER, _MIN_LEVEL = 0.98, 3.0
 
 
 def client_of(address: str) -> str:
@@ -39,7 +45,7 @@ def client_of(address: str) -> str:
 
 
 class FullError(SpallwatchError):
-    """No connection may end so that another one fits."""
+    """A connection is not taken; the message says why."""
 
 
 class Door(Generic[Connection]):
@@ -50,15 +56,21 @@ class Door(Generic[Connection]):
     """
 
     def __init__(
-        self, in_all: int, per_client: int, idleness: Callable[[Connection], tuple[int, float] | None]
+        self,
+        in_all: int,
+        per_client: int,
+        idleness: Callable[[Connection], tuple[int, float] | None],
+        visits: Visits | None = None,
     ) -> None:
         """Keep the limits; nothing is open yet."""
         self.in_all, self.per_client = in_all, per_client
-        self._idleness = idleness
+        self._idleness, self._visits = idleness, visits
         self._client: dict[Connection, str] = {}
         self._counts: Counter[str] = Counter()
-        self.events: Counter[str] = Counter()
-        """How often a connection was "taken", "replaced" by a newer one or "refused"."""
+        self.taken = self.received_bytes = 0
+        """Connections and bytes so far."""
+        self.refused: dict[Cause, int] = dict.fromkeys(get_args(Cause), 0)
+        """Connections refused or ended so far, by cause."""
 
     def __len__(self) -> int:
         """Return the number of open connections."""
@@ -70,9 +82,12 @@ class Door(Generic[Connection]):
         Of those that are as idle, the one of the client with the most connections goes first.
 
         Raises:
-            FullError: none of them is to be ended.
+            FullError: none of them is to be ended, or clients connect too often.
         """
         client = client_of(address)
+        if self._visits is not None and not self._visits.admit(client):
+            self.refused["rate"] += 1
+            raise FullError("connects too often")
         full = self._counts[client] >= self.per_client
         if not full and len(self._client) < self.in_all:
             return None
@@ -83,16 +98,15 @@ class Door(Generic[Connection]):
             if idleness is not None and (owner == client or not full):
                 found.append((idleness[0], -self._counts[owner], idleness[1], place))
         if not found:
-            self.events["refused"] += 1
-            raise FullError(f"{client}: one connection too many")
-        self.events["replaced"] += 1
+            self.refused["full"] += 1
+            raise FullError("one connection too many")
         return connections[min(found)[3]]
 
     def add(self, connection: Connection, address: str) -> None:
         """Count a connection from now on."""
         self._client[connection] = client_of(address)
         self._counts[client_of(address)] += 1
-        self.events["taken"] += 1
+        self.taken += 1
 
     def remove(self, connection: Connection) -> None:
         """Count a connection no more; an unknown one is ignored."""
@@ -101,6 +115,15 @@ class Door(Generic[Connection]):
             self._counts[client] -= 1
             if not self._counts[client]:
                 del self._counts[client]
+
+    def counts(self) -> dict[str, Any]:
+        """Return what status and metrics have of the listener, as plain values; may be called from any thread."""
+        return {
+            "connections": len(self._client),
+            "accepted": self.taken,
+            "received_bytes": self.received_bytes,
+            "refused": dict(self.refused),
+        }
 
 
 class Bucket:
@@ -117,6 +140,40 @@ class Bucket:
         self._left = min(self._burst, self._left + (now - self._at) * self._per_s) - 1.0
         self._at = now
         return max(-self._left / self._per_s, 0.0)
+
+
+class Visits:
+    """Which new connections are taken: so many a second of one client, and so many of all.
+
+    Where more come in all, those of the clients are refused that had most within the last seconds. How many one may
+    have then is found step by step: fewer while too many are taken, more while there is room.
+    """
+
+    def __init__(
+        self, per_client_per_s: float, in_all_per_s: float, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
+        """Begin without any; at once, a client may have those of two seconds."""
+        self._monotonic = monotonic
+        self._most, self._most_in_all = per_client_per_s * _LATELY_S, in_all_per_s * _LATELY_S
+        self._level = self._most
+        self._clients: dict[str, tuple[float, float]] = {}
+        self._all = (0.0, monotonic())
+
+    def admit(self, client: str) -> bool:
+        """Return whether a new connection of a client is taken; one is, where it had none lately."""
+        now = self._monotonic()
+        own, total = (
+            count * math.exp((at - now) / _LATELY_S) for count, at in (self._clients.pop(client, (0.0, now)), self._all)
+        )
+        taken = own + 1.0 <= self._level
+        while len(self._clients) >= _MAX_CLIENTS:
+            self._clients.pop(next(iter(self._clients)))
+        self._clients[client], self._all = (own + taken, now), (total + taken, now)
+        if total > self._most_in_all:
+            self._level = max(self._level * _FEWER, _MIN_LEVEL)
+        else:
+            self._level = min(self._level / _FEWER, self._most) if total > self._most_in_all / 2.0 else self._most
+        return taken
 
 
 class Guesses:

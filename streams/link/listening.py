@@ -11,7 +11,7 @@ import socket
 from streams.types.spec import Address, SourceError
 
 _LOG = logging.getLogger(__name__)
-_BACKLOG = 128
+_BACKLOG = 512
 Place = tuple[socket.AddressFamily, tuple[str, int]]
 """Family, numerical address and port."""
 

@@ -62,6 +62,7 @@ class Peer:
     encrypting: bool = False
     blocked: bool = False
     out: bytearray = field(default_factory=bytearray)
+    _received: int = 0
     _data: bytearray = field(default_factory=bytearray)
     _needed: int = HELLO.size
     _sized: bool = False
@@ -101,6 +102,16 @@ class Peer:
         self._sized = self.phase is Phase.PROOF
         self._needed = PROOF_BYTES if self.phase is Phase.PROOF else HEAD.size
 
+    def taken(self) -> int:
+        """Return how many bytes were received since the last call."""
+        received, self._received = self._received, 0
+        return received
+
+    def _recv(self, most: int) -> bytes:
+        data = self.socket.recv(most)
+        self._received += len(data)
+        return data
+
     def receive(self, now: float, timeout: float, max_frame: int) -> bytearray | None:
         """Receive at most one message, so that senders take turns; return it once it is whole.
 
@@ -110,10 +121,10 @@ class Peer:
             OSError: the connection is broken, or nothing can be read now.
         """
         if self.phase is Phase.REFUSED:
-            if not self.socket.recv(_CHUNK):
+            if not self._recv(_CHUNK):
                 raise ClosedError(whole=True)
             return None
-        data = self.socket.recv(min(_CHUNK, self._needed - len(self._data)))
+        data = self._recv(min(_CHUNK, self._needed - len(self._data)))
         if not data:
             raise ClosedError(whole=not self._data and self.phase is Phase.FRAMES)
         if self.deadline is None:

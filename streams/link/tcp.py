@@ -9,12 +9,13 @@ import selectors
 import socket
 import ssl
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 from models.platform.supervision import OwnedThread
 from streams.link.arrivals import Ticket
-from streams.link.front import Bucket, Door, FullError, Guesses, client_of
+from streams.link.front import Bucket, Cause, Door, FullError, Guesses, Visits, client_of
 from streams.link.listening import Place, Waker, bound, is_loopback, place_of
 from streams.link.peer import NONCE_BYTES, ClosedError, Peer, Phase, is_proof, load_keys, prepare, receiver_context
 from streams.link.receiver import Receiver
@@ -28,7 +29,9 @@ _TICK = 0.25
 _MAX_OUT_BYTES = 1 << 16
 """Answers that a sender may leave unread."""
 _CONNECTIONS_PER_S = 100.0
-"""Beyond it new ones wait in the kernel's queue, so that they take no time from senders that are connected."""
+"""Of one client, or as many as there may be at a time; of all, twice as many."""
+_ACCEPTED_PER_S, _ACCEPTED_AT_ONCE = 2000.0, 32
+"""Taken from the kernel's queue, also to be refused; beyond it they wait there, and take no time from senders."""
 _LINGER_S = 1.0
 """Time for a refused sender to read the reason."""
 
@@ -60,9 +63,10 @@ class TcpReceiver(Receiver):
         self._waker: Waker | None = None
         self._peers: set[Peer] = set()
         most = self._network.max_connections
-        self._door = Door(most, most, self._idleness)
+        visits = Visits(max(_CONNECTIONS_PER_S, most), 2.0 * max(_CONNECTIONS_PER_S, most))
+        self._door = Door(most, most, self._idleness, visits)
         self._guesses = Guesses()
-        self._rate = Bucket(_CONNECTIONS_PER_S, _CONNECTIONS_PER_S / 2)
+        self._rate = Bucket(_ACCEPTED_PER_S, _ACCEPTED_PER_S / 10.0)
         self._deaf_until = 0.0
         self._current: dict[str, Peer] = {}
         self._unconfirmed: set[str] = set()
@@ -122,6 +126,10 @@ class TcpReceiver(Receiver):
             )
         return place
 
+    def listener(self) -> Mapping[str, Any]:
+        """Return the counts of connections."""
+        return self._door.counts()
+
     def _confirm(self, ticket: Ticket) -> None:
         with self._lock:
             self._unconfirmed.add(ticket.stream)
@@ -178,7 +186,7 @@ class TcpReceiver(Receiver):
                 self._refusals.tick()
         finally:
             for peer in list(self._peers):
-                self._drop(peer, None)
+                self._drop(peer)
             self._close_sockets()
 
     def _close_sockets(self) -> None:
@@ -188,33 +196,35 @@ class TcpReceiver(Receiver):
         self._selector = self._listener = self._waker = None
 
     def _accept(self, listener: socket.socket, selector: selectors.BaseSelector) -> None:
-        try:
-            connection, place = listener.accept()
-        except OSError as error:
-            # The sender has disconnected, or there are no descriptors left; the next round tries again.
-            self._refused(f"a connection could not be accepted: {error}")
-            return
-        wait = self._rate.take()
-        if wait > 0.0:
-            selector.unregister(listener)
-            self._deaf_until = time.monotonic() + wait
-        address = str(place[0])
+        """Take what waits in the kernel's queue, as far as the rate allows."""
+        for _ in range(_ACCEPTED_AT_ONCE):
+            try:
+                connection, place = listener.accept()
+            except BlockingIOError:
+                return
+            except OSError as error:
+                # The sender has disconnected, or there are no descriptors left; the next round tries again.
+                self._refused(f"a connection could not be accepted: {error}")
+                return
+            self._admit(connection, str(place[0]), selector)
+            wait = self._rate.take()
+            if wait > 0.0:
+                selector.unregister(listener)
+                self._deaf_until = time.monotonic() + wait
+                return
+
+    def _admit(self, connection: socket.socket, address: str, selector: selectors.BaseSelector) -> None:
+        """Wait for the hello of a new connection, or refuse it."""
         all_keyed = len(self._keys) == len(self._key_files)
-        admitted = self._network.admits(address) or (all_keyed and not self._network.peers)
-        problem = None if admitted else "is not among peers"
         try:
-            idlest = self._door.room_for(address) if admitted else None
+            if not (self._network.admits(address) or (all_keyed and not self._network.peers)):
+                self._door.refused["address"] += 1
+                raise FullError("not among peers")
+            idlest = self._door.room_for(address)
             if idlest is not None:
-                self._drop(idlest, "replaced by a newer connection")
-        except FullError:
-            problem = "is one connection too many"
-        if problem is not None:
-            self._refused(f"{address} {problem}")
-            connection.close()
-            return
-        try:
+                self._drop(idlest, "replaced by a newer connection", "replaced")
             connection = prepare(connection, self._tls)
-        except OSError as error:
+        except (FullError, OSError) as error:
             self._refused(f"{address}: {error}")
             connection.close()
             return
@@ -273,7 +283,8 @@ class TcpReceiver(Receiver):
             self._refuse(peer, error)
         except Exception as error:  # A fault of one sender must not end the others.
             self._fault(f"{peer.name} cannot be served", error)
-            self._drop(peer, None)
+            self._drop(peer)
+        self._door.received_bytes += peer.taken()
         if blocked != peer.blocked:
             peer.blocked = blocked
             self._watch(peer)
@@ -305,7 +316,7 @@ class TcpReceiver(Receiver):
             raise _KeyError(f"the key is not that of stream {stream!r}")
         before = self._current.get(stream)
         if before is not None:
-            self._drop(before, f"another sender of {stream!r} connected")
+            self._drop(before, f"another sender of {stream!r} connected", "replaced")
         self._current[stream] = peer
         peer.enter(Phase.FRAMES)
         peer.deadline = None
@@ -314,7 +325,7 @@ class TcpReceiver(Receiver):
     def _answer(self, peer: Peer, answer: bytes) -> None:
         peer.out += answer
         if len(peer.out) > _MAX_OUT_BYTES:
-            self._drop(peer, "the sender does not read what is answered")
+            self._drop(peer, "the sender does not read what is answered", "unread")
             return
         self._watch(peer)
 
@@ -346,15 +357,19 @@ class TcpReceiver(Receiver):
                 continue
             what = "frame" if peer.phase is Phase.FRAMES else "hello"
             reason = f"no whole {what} within {self._network.read_timeout:g} s"
-            self._drop(peer, None if peer.phase is Phase.REFUSED else reason)
+            if peer.phase is Phase.REFUSED:
+                self._drop(peer)
+            else:
+                self._drop(peer, reason, "slow")
 
     def _refuse(self, peer: Peer, error: WireError) -> None:
         """End a connection; a sender of version 2 learns why."""
         kind = KEY if isinstance(error, _KeyError) else JUMP if isinstance(error, JumpError) else LINK
         self._drop_from_stream(peer)
+        self._door.refused["secret" if kind == KEY else "message"] += 1
         self._refused(f"{peer.name}: {error}", kind, peer.stream)
         if peer.nonce is None:
-            self._drop(peer, None)
+            self._drop(peer)
             return
         peer.out += refusal(str(error))
         with contextlib.suppress(OSError):
@@ -370,10 +385,12 @@ class TcpReceiver(Receiver):
         if peer.stream is not None and self._current.get(peer.stream) is peer:
             del self._current[peer.stream]
 
-    def _drop(self, peer: Peer, reason: str | None) -> None:
+    def _drop(self, peer: Peer, reason: str | None = None, cause: Cause | None = None) -> None:
         """Close a connection; its sender repeats what was not acknowledged."""
         if reason is not None:
             self._refused(f"{peer.name}: {reason}")
+        if cause is not None:
+            self._door.refused[cause] += 1
         self._peers.discard(peer)
         self._door.remove(peer)
         self._drop_from_stream(peer)

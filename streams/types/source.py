@@ -277,6 +277,10 @@ class LiveSource(Protocol):
         """Return what is known of the failures of its threads."""
         return ()
 
+    def listener(self) -> Mapping[str, Any] | None:
+        """Return the counts of the connections that it took and refused; None where it does not listen."""
+        return None
+
     def assumes_interval(self) -> bool:
         """Return whether nothing states the interval of its blocks: they are counted by the length of a file."""
         return False

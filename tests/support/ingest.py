@@ -65,6 +65,9 @@ class Queue:
     def restarts(self) -> tuple[Restarts, ...]:
         return ()
 
+    def listener(self) -> None:
+        return None
+
     def queued_blocks(self) -> int:
         return len(self.waiting)
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 import asyncio
 import struct
 from collections.abc import Callable, Iterable
+from functools import partial
+from socket import socket
 from typing import Any
 
 from asyncua import ua
@@ -23,7 +25,8 @@ from asyncua.server.subscription_service import SubscriptionService
 from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.ua_binary import header_from_binary
 
-from streams.link.front import Bucket, Door, FullError, client_of
+from streams.link.entrance import Entrance
+from streams.link.front import Bucket, Cause, Door, FullError, client_of
 
 MAX_CHUNK_BYTES, MAX_MESSAGE_BYTES = 65_535, 1 << 19
 MAX_CONNECTIONS, MAX_SUBSCRIPTIONS, MAX_ITEMS = 128, 256, 20_000
@@ -35,6 +38,7 @@ _MAX_HELLO_BYTES, _MIN_BUFFER_BYTES = 8192, 8192
 _MESSAGES_PER_S, _BURST, _MAX_QUEUED = 500.0, 1000.0, 64
 _MAX_UNREAD_BYTES, _MAX_UNREAD_S = 1 << 18, 10.0
 _RESUME_S = 0.02
+_BACKLOG = 512
 _MAX_ITEM_QUEUE = 100
 _MIN_INTERVAL_MS, _MAX_INTERVAL_MS = 20.0, 3.6e6
 _HEAD = struct.Struct("<3scI")
@@ -51,12 +55,17 @@ class LimitedServer(Server):
             MAX_CHUNK_BYTES, MAX_CHUNK_BYTES, MAX_MESSAGE_BYTES // MAX_CHUNK_BYTES + 1, MAX_MESSAGE_BYTES
         )
 
+    def connections(self) -> dict[str, Any]:
+        """Return the counts of connections."""
+        assert isinstance(self.bserver, Listener)
+        return self.bserver.door.counts()
+
     async def start(self) -> None:
         """Listen, as the class above does, with limits for each connection."""
         await self._setup_server_nodes()
         await self.iserver.start()
         host, port = self._get_bind_socket_info()
-        self.bserver = _Listener(self.iserver, host or "", port or 0, self.limits)
+        self.bserver = Listener(self.iserver, host or "", port or 0, self.limits)
         self.bserver.set_policies(self._policies)
         try:
             await self.bserver.start()
@@ -65,12 +74,42 @@ class LimitedServer(Server):
             raise
 
 
-class _Listener(BinaryServer):
+class Listener(BinaryServer):
+    """The listening socket, with its connections in :attr:`door`."""
+
     def __init__(self, *given: Any) -> None:
+        """Take what the class above does."""
         super().__init__(*given)
+        self._sockets: list[socket] = []
+        self._entrances: list[asyncio.Task[None]] = []
         self.door: Door[LimitedConnection] = Door(
             MAX_CONNECTIONS, MAX_CONNECTIONS // 2, lambda connection: connection.idleness
         )
+
+    async def start(self) -> None:
+        """Listen as the class above does, but accept through an :class:`Entrance`."""
+        made = await asyncio.get_running_loop().create_server(
+            self._make_protocol, self.hostname, self.port, start_serving=False
+        )
+        self._server = made
+        # The server owns the bound sockets, these are of the same.
+        self._sockets = [found.dup() for found in made.sockets]
+        for found in self._sockets:
+            found.listen(_BACKLOG)
+        self.port = self._sockets[0].getsockname()[1]
+        self._entrances = [
+            asyncio.create_task(Entrance(found, self.door, self._make_protocol).run()) for found in self._sockets
+        ]
+        self.cleanup_task = asyncio.create_task(self._close_task_loop())
+
+    async def stop(self) -> None:
+        """End all connections."""
+        for entrance in self._entrances:
+            entrance.cancel()
+        await asyncio.gather(*self._entrances, return_exceptions=True)
+        for found in self._sockets:
+            found.close()
+        await super().stop()
 
     def _make_protocol(self) -> OPCUAProtocol:
         return LimitedConnection(
@@ -93,6 +132,7 @@ class LimitedConnection(OPCUAProtocol):
         self._received = bytearray()
         self._chunk_bytes: int | None = None
         """Agreed on by the hello; None before it."""
+        self._opening = False
         self._bucket = Bucket(_MESSAGES_PER_S, _BURST)
         self._heard = 0.0
         self._read = asyncio.Event()
@@ -101,10 +141,11 @@ class LimitedConnection(OPCUAProtocol):
 
     @property
     def idleness(self) -> tuple[int, float] | None:
-        """How readily the connection makes room for another: one without a session, then one that is silent."""
+        """How readily the connection makes room: the less far on the way to a session, then one that is silent."""
         if not self._active:
-            return 0, self._heard
-        return (1, self._heard) if asyncio.get_running_loop().time() - self._heard > MAX_SESSION_S / 2 else None
+            on_the_way = self.processor is not None and self.processor.session is not None
+            return (2 if on_the_way else 1 if self._opening else 0), self._heard
+        return (3, self._heard) if asyncio.get_running_loop().time() - self._heard > MAX_SESSION_S / 2 else None
 
     @property
     def _active(self) -> bool:
@@ -121,7 +162,7 @@ class LimitedConnection(OPCUAProtocol):
             transport.close()
             return
         if idlest is not None:
-            idlest.end()
+            idlest.end("replaced")
         self._door.add(self, address)
         assert isinstance(transport, asyncio.Transport)
         transport.set_write_buffer_limits(high=_MAX_UNREAD_BYTES)
@@ -136,8 +177,10 @@ class LimitedConnection(OPCUAProtocol):
         self._timers.clear()
         super().connection_lost(ex)
 
-    def end(self) -> None:
-        """End the connection at once, whatever it has not read."""
+    def end(self, cause: Cause | None = None) -> None:
+        """End the connection at once, whatever it has not read; a ``cause`` is counted."""
+        if cause is not None:
+            self._door.refused[cause] += 1
         self._door.remove(self)
         if self.transport is not None:
             self.transport.abort()
@@ -151,7 +194,7 @@ class LimitedConnection(OPCUAProtocol):
     def _end_if_idle(self) -> None:
         left = self._heard + IDLE_S - asyncio.get_running_loop().time()
         if not self._active and left <= 0.0:
-            self.end()
+            self.end("slow")
             return
         self._after("idle", max(left, 1.0), self._end_if_idle)
 
@@ -160,6 +203,7 @@ class LimitedConnection(OPCUAProtocol):
         if self.transport is None or self.transport.is_closing():
             return
         self._received += data
+        self._door.received_bytes += len(data)
         while len(self._received) >= _HEAD.size:
             kind, part, size = _HEAD.unpack_from(self._received)
             if not self._admit(kind, part, size):
@@ -211,6 +255,7 @@ class LimitedConnection(OPCUAProtocol):
     def _refuse(self, code: int) -> bool:
         """Say why, where the client reads, and end the connection."""
         self._received.clear()
+        self._door.refused["message"] += 1
         if self.transport is not None:
             self.transport.write(_HEAD.pack(b"ERR", b"F", _HEAD.size + 8) + struct.pack("<Ii", code, -1))
             self.transport.close()
@@ -218,15 +263,17 @@ class LimitedConnection(OPCUAProtocol):
         return False
 
     async def _process_one_msg(self, header: Any, buf: Buffer) -> bool:
-        # Nothing more is answered to a client that does not read.
+        # Nothing more is answered to a client that does not read; and others have their turn after each message.
         await self._read.wait()
+        await asyncio.sleep(0)
         self._heard = asyncio.get_running_loop().time()
+        self._opening = self._opening or header.MessageType == ua.MessageType.SecureOpen
         return await super()._process_one_msg(header, buf)
 
     def pause_writing(self) -> None:
         """Answer no more until the client reads, and end the connection where it does not."""
         self._read.clear()
-        self._after("unread", _MAX_UNREAD_S, self.end)
+        self._after("unread", _MAX_UNREAD_S, partial(self.end, "unread"))
 
     def resume_writing(self) -> None:
         """Go on answering."""

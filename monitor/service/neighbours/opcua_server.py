@@ -94,7 +94,7 @@ class MachineServer:
                 await self._write(server)
                 told += self._poll_s
                 if told >= _ALIVE_S:
-                    report({"alive": True})
+                    report({"alive": True, "listener": server.connections()})
                     told = 0.0
         finally:
             await server.stop()

@@ -8,9 +8,10 @@ import threading
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
+from typing import Any, cast, get_args
 
 import pytest
+from prometheus_client.parser import text_string_to_metric_families
 from starlette.requests import Request
 
 from monitor.config.load import load_config
@@ -21,6 +22,7 @@ from monitor.web.desk import NO_FOLDERS
 from monitor.web.machines import Machines
 from monitor.web.security import Doors
 from monitor.web.server import HEAD_S, LimitedProtocol
+from streams.link.front import Cause, Door
 from tests.support.daemons import make_machine
 from tests.support.pages import Page, page_of
 from tests.support.security import machine_with_event
@@ -166,7 +168,8 @@ def test_a_client_that_holds_most_connections_makes_room(tmp_path: Path, monkeyp
 
 def test_an_answer_of_which_nothing_is_taken_is_ended() -> None:
     pending, looks, ended = [0], list[float](), list[bool]()
-    connection = object.__new__(LimitedProtocol)
+    door: Door[LimitedProtocol] = Door(1, 1, lambda _: None)
+    connection = object.__new__(type("Counted", (LimitedProtocol,), {"door": door}))
     connection.transport = cast(
         "Any", SimpleNamespace(get_write_buffer_size=lambda: pending[0], abort=lambda: ended.append(True))
     )
@@ -178,6 +181,39 @@ def test_an_answer_of_which_nothing_is_taken_is_ended() -> None:
     assert (looks, ended) == ([HEAD_S] * 9, [])
     connection._check_progress()
     assert (looks, ended) == ([HEAD_S] * 9, [True])
+    assert door.refused["unread"] == 1
+
+
+def test_connections_that_end_are_counted_by_cause(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("monitor.web.server.MAX_CONNECTIONS", 2)
+    monkeypatch.setattr("monitor.web.server.LimitedProtocol.head_within", 0.2)
+
+    def counts(page: Page) -> dict[str, float]:
+        text = page.ask("/metrics").body.decode()
+        families = text_string_to_metric_families(text)
+        found = [
+            sample for family in families if family.name.startswith("spallwatch_listener") for sample in family.samples
+        ]
+        assert {sample.labels["listener"] for sample in found} == {"page"}
+        assert {sample.labels.get("cause") for sample in found} == {None, *get_args(Cause)}
+        return {sample.labels.get("cause", sample.name): sample.value for sample in found}
+
+    with page_of(machine_with_event(tmp_path)) as page:
+        with page.dial() as nonsense:
+            nonsense.sendall(b"\x16\x03\x01 no request\r\n\r\n")
+            assert nonsense.recv(12)[-3:] == b"400"
+        with page.dial() as first, page.dial() as second, page.dial() as third:
+            # The first makes room, the others say nothing in time.
+            assert is_closed(first)
+            assert is_closed(second)
+            assert is_closed(third)
+        found = counts(page)
+    assert found["message"] == 1
+    assert found["slow"] >= 1
+    assert found["replaced"] >= 1
+    assert found["spallwatch_listener_connections"] == 1
+    assert found["spallwatch_listener_accepted_total"] >= 3
+    assert found["spallwatch_listener_received_bytes_total"] > 0
 
 
 @pytest.mark.parametrize("opening", [b"[", b'{"token":', b'{"who":'])

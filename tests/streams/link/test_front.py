@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import random
+from typing import get_args
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from streams.link.front import FORGET_S, FREE_GUESSES, Bucket, Door, FullError, Guesses, client_of
+from streams.link.front import (
+    FORGET_S,
+    FREE_GUESSES,
+    Bucket,
+    Cause,
+    Door,
+    FullError,
+    Guesses,
+    Visits,
+    client_of,
+)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +49,12 @@ def test_the_greediest_client_makes_room_and_its_oldest_connection() -> None:
     door.remove("a1")
     assert door.room_for("10.0.0.3") is None
     assert len(door) == 3
-    assert door.events == {"taken": 4, "replaced": 1}
+    assert door.counts() == {
+        "connections": 3,
+        "accepted": 4,
+        "received_bytes": 0,
+        "refused": dict.fromkeys(get_args(Cause), 0),
+    }
 
 
 def test_a_client_beyond_its_own_limit_replaces_its_own_connection() -> None:
@@ -50,9 +68,9 @@ def test_a_client_beyond_its_own_limit_replaces_its_own_connection() -> None:
     assert door.room_for("10.0.0.2") is None
     locked: Door[str] = Door(1, 1, lambda _: None)
     locked.add("busy", "10.0.0.1")
-    with pytest.raises(FullError, match=r"10\.0\.0\.2"):
+    with pytest.raises(FullError, match="one connection too many"):
         locked.room_for("10.0.0.2")
-    assert locked.events["refused"] == 1
+    assert locked.counts()["refused"] == {**dict.fromkeys(get_args(Cause), 0), "full": 1}
 
 
 @given(st.lists(st.integers(0, 3), max_size=60), st.integers(1, 6), st.integers(1, 4))
@@ -80,6 +98,44 @@ def test_a_bucket_lets_a_burst_through_and_then_so_many_a_second() -> None:
     assert [bucket.take() for _ in range(2)] == [0.0, 0.0]
     now[0] = 100.0
     assert [bucket.take() for _ in range(6)] == [0.0] * 5 + [pytest.approx(0.1)]
+
+
+def test_a_client_that_connects_too_often_is_refused() -> None:
+    now = [0.0]
+    visits = Visits(10.0, 1000.0, lambda: now[0])
+    assert sum(visits.admit("a") for _ in range(100)) == 20
+    taken = 0
+    for step in range(1000):
+        now[0] = 10.0 + 0.01 * step
+        taken += visits.admit("a")
+    assert 100 <= taken <= 125
+    assert visits.admit("b")
+    door: Door[int] = Door(100, 100, lambda _: None, Visits(1.0, 2.0, lambda: now[0]))
+    assert [door.room_for("10.0.0.1") for _ in range(2)] == [None, None]
+    with pytest.raises(FullError, match="too often"):
+        door.room_for("10.0.0.1")
+    assert door.counts()["refused"]["rate"] == 1
+
+
+@pytest.mark.parametrize(("crowd", "each"), [(3, 400.0), (15, 100.0), (100, 20.0), (100, 1000.0)])
+def test_in_a_crowd_those_are_taken_that_come_rarely(crowd: int, each: float) -> None:
+    now, drawn = [0.0], random.Random(1)
+    visits = Visits(100.0, 200.0, lambda: now[0])
+    taken, total, refused = 0, 0, 0
+    for step in range(20_000):
+        now[0] += drawn.expovariate(crowd * each)
+        took = visits.admit(f"c{drawn.randrange(crowd)}")
+        if step >= 10_000:
+            total, taken = total + 1, taken + took
+        # One that opens two connections every few seconds, all along.
+        if step % max(1, round(3.0 * crowd * each)) < 2:
+            refused += not visits.admit("sender")
+    seconds = total / (crowd * each)
+    assert taken / seconds <= 1.25 * 200.0
+    assert refused == 0
+    # Once they have gone, it is as if they had never come.
+    now[0] += 10.0
+    assert all(visits.admit("user") for _ in range(50))
 
 
 def test_guesses_are_free_at_first_and_then_wait_longer_and_longer() -> None:

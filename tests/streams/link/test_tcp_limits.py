@@ -63,6 +63,8 @@ def test_a_sender_that_dawdles_is_dropped() -> None:
             connection.sendall(frame(2)[:50])
             assert gone(connection)
         wait_until(lambda: "no whole frame within 0.2 s" in (receiver.problem() or ""))
+        assert receiver.listener()["refused"]["slow"] == 2
+        assert receiver.listener()["received_bytes"] > 50
 
 
 def test_one_connection_too_many_is_refused() -> None:
@@ -70,6 +72,8 @@ def test_one_connection_too_many_is_refused() -> None:
         answer(first)
         with socket.create_connection(("127.0.0.1", receiver.port), PATIENCE_S) as second:
             assert gone(second)
+        counts = receiver.listener()
+        assert (counts["connections"], counts["accepted"], counts["refused"]["full"]) == (1, 1, 1)
 
 
 def test_a_sender_that_reads_no_answers_is_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -84,14 +88,39 @@ def test_a_sender_that_reads_no_answers_is_dropped(monkeypatch: pytest.MonkeyPat
 
 
 def test_many_connections_at_once_wait_for_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("streams.link.tcp._CONNECTIONS_PER_S", 4.0)
+    monkeypatch.setattr("streams.link.tcp._ACCEPTED_PER_S", 20.0)
     with receiving(MemoryLedger()) as receiver:
         began = time.monotonic()
-        for _ in range(5):
+        for _ in range(12):
             with raw(receiver) as connection:
                 assert answer(connection) == 0
-        # Two at once, and four a second.
-        assert time.monotonic() - began >= 0.5
+        # Two at once, and twenty a second.
+        assert time.monotonic() - began >= 0.45
+
+
+def test_an_address_that_is_not_among_peers_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(NetworkSpec, "admits", lambda *_: False)
+    with receiving(MemoryLedger()) as receiver:
+        with socket.create_connection(("127.0.0.1", receiver.port), PATIENCE_S) as connection:
+            assert gone(connection)
+        wait_until(lambda: receiver.listener()["refused"]["address"] == 1)
+        assert "127.0.0.1: not among peers" in (receiver.problem() or "")
+
+
+def test_a_client_that_connects_too_often_is_refused_and_another_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("streams.link.tcp._CONNECTIONS_PER_S", 1.0)
+    with receiving(MemoryLedger(), NetworkSpec(max_connections=2)) as receiver:
+        at = ("127.0.0.1", receiver.port)
+        began = time.monotonic()
+        for _ in range(60):
+            with socket.create_connection(at, PATIENCE_S, source_address=("127.0.0.9", 0)) as connection:
+                with suppress(OSError):
+                    connection.shutdown(socket.SHUT_WR)
+                assert gone(connection)
+        taken = 5 + 2.0 * (time.monotonic() - began)
+        with raw(receiver) as connection:
+            assert answer(connection) == 0
+        assert receiver.listener()["refused"]["rate"] >= 60 - taken
 
 
 def test_the_newest_connection_of_a_stream_is_the_one() -> None:

@@ -117,6 +117,39 @@ def test_what_is_no_conversation_is_ended(server: tuple[str, int], sent: bytes, 
     assert serves(server[0])
 
 
+def test_connections_are_counted_by_cause(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(front, "MAX_CONNECTIONS", 4)
+    monkeypatch.setattr(front, "IDLE_S", 0.3)
+
+    async def run() -> dict[str, Any]:
+        listening = front.Listener(cast("Any", _no_services()), "127.0.0.1", 0, front.TransportLimits())
+        await listening.start()
+        held = [await asyncio.open_connection("127.0.0.1", listening.port) for _ in range(3)]
+        held[2][1].write(b"GET / HTTP/1.1\r\n\r\n")
+        async with asyncio.timeout(PATIENCE_S):
+            # The first makes room for the third; the second says nothing, and the third nonsense.
+            assert [(await reader.read())[:3] for reader, _ in held] == [b"", b"", b"ERR"]
+        for _, writer in held:
+            writer.close()
+        await listening.stop()
+        return listening.door.counts()
+
+    counts = asyncio.run(run())
+    refused = counts.pop("refused")
+    assert counts == {"connections": 0, "accepted": 3, "received_bytes": 18}
+    assert {cause: number for cause, number in refused.items() if number} == {"replaced": 1, "slow": 1, "message": 1}
+
+
+def _no_services() -> SimpleNamespace:
+    """Return what a listener uses of the services, where nothing is ever asked."""
+    return SimpleNamespace(
+        max_pending_messages_per_connection=4,
+        max_connections=9,
+        max_pending_activation_seconds=0.0,
+        asyncio_transports=[],
+    )
+
+
 def test_one_client_holds_at_most_half_and_another_finds_room(server: tuple[str, int]) -> None:
     url, port = server
 
