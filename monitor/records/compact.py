@@ -19,6 +19,7 @@ _LOG = logging.getLogger(__name__)
 RESERVE_BYTES = 4 << 20
 """Free space that the file keeps for the next blocks."""
 _INCREMENTAL = 2
+_LONG_LOG_BYTES = 1 << 20
 _MIN_FREE_SHARE = 0.25
 _SMALL_BYTES = 32 << 20
 _ROOM = 2.5
@@ -66,6 +67,19 @@ def shorten(store: Readable, pages: int) -> int:
         # Each step of the statement frees a page, and only a script is stepped to its end.
         connection.executescript(f"PRAGMA incremental_vacuum({min(pages, spare)})")
         return before - _pragma(connection, "page_count")
+
+
+def settle_log(store: Store) -> None:
+    """Empty a long write-ahead log, unless a reader needs it: only then has the database its shortened size."""
+    if _size(store.path.with_name(f"{store.path.name}-wal")) < _LONG_LOG_BYTES:
+        return
+    with store.connection() as connection:
+        waits = _pragma(connection, "busy_timeout")
+        connection.execute("PRAGMA busy_timeout = 0")
+        try:
+            connection.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+        finally:
+            connection.execute(f"PRAGMA busy_timeout = {waits}")
 
 
 def rebuild(path: Path) -> None:

@@ -115,10 +115,11 @@ def condense(store: Store, full_s: float, most: int, *, by_number: bool = False)
         by_number: where no time is usable, condense all but the newest 20,000 blocks instead of none.
     """
     with store.transaction() as connection:
-        return _condense(connection, full_s, most, by_number=by_number)
+        return condense_within(connection, full_s, most, by_number=by_number)
 
 
-def _condense(connection: sqlite3.Connection, full_s: float, most: int, *, by_number: bool) -> int:
+def condense_within(connection: sqlite3.Connection, full_s: float, most: int, *, by_number: bool) -> int:
+    """Condense blocks as :func:`condense`, within a transaction."""
     last = condensed_up_to(connection)
     rows = [_Candidate(*row) for row in connection.execute(_CANDIDATES, (last, max(most, _SCANNED_BLOCKS)))]
     old = _old_of(connection, rows, full_s, by_number=by_number)[:most]

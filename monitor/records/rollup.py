@@ -43,9 +43,12 @@ OPEN_BUDGET_S = 2.0
 
 _COMMIT_BUDGET_S = 0.05
 _CHUNK_BLOCKS = 256
+_MAX_DROPPED = 240
+"""Buckets of a series that one step deletes, where two hours have no more."""
 MAX_TIME_S = 1e12
 """Later times, of a broken clock, count as this: their buckets would not be integers."""
 _ROLLED_UP, _FEATURES = "rolled_up", "rollup_features"
+_DROPPED = "rollup_dropped_{}_{}"
 _VALUES = "records, others, extremes"
 
 
@@ -238,6 +241,45 @@ def _add(connection: sqlite3.Connection, parts: list[tuple[SeriesKey, Points]]) 
         )
         if above is not None:
             buckets = joined([buckets], above // level)
+
+
+def drop_buckets(connection: sqlite3.Connection, level: int, until: float, *, dated: bool) -> int:
+    """Delete the oldest buckets of a level that begin before ``until`` (s), within a transaction; return how many.
+
+    Some hundreds of each series at most; the wider buckets over them stay, and :func:`dropped_before` says from when
+    on there are such again.
+    """
+    where = "source = ? AND channel = ? AND dated = ? AND level = ?"
+    series = [(*key, dated, level) for key in _series(connection)]
+    first = [connection.execute(f"SELECT min(bucket) FROM rollup WHERE {where}", key).fetchone()[0] for key in series]
+    oldest = min((bucket * level for bucket in first if bucket is not None), default=None)
+    whole = LEVELS_S[2]
+    if oldest is None or oldest >= (last := int(until // whole) * whole):
+        return 0
+    query = f"SELECT bucket FROM rollup WHERE {where} ORDER BY bucket LIMIT 1 OFFSET {_MAX_DROPPED}"
+    beyond = [row[0] * level for key in series if (row := connection.execute(query, key).fetchone()) is not None]
+    end = min(last, max((oldest // whole + 1) * whole, min(beyond, default=last) // whole * whole))
+    count = 0
+    for key in series:
+        count += connection.execute(f"DELETE FROM rollup WHERE {where} AND bucket < ?", (*key, end // level)).rowcount
+    end = max(end, dropped_before(connection, level, dated=dated))
+    connection.execute("INSERT OR REPLACE INTO meta VALUES (?, ?)", (_DROPPED.format(level, int(dated)), repr(end)))
+    return count
+
+
+def dropped_before(connection: sqlite3.Connection, level: int, *, dated: bool) -> float:
+    """Return the time before which a level has not all of its buckets, s; minus infinity where it has."""
+    row = connection.execute("SELECT value FROM meta WHERE key = ?", (_DROPPED.format(level, int(dated)),)).fetchone()
+    return float(row[0]) if row else -np.inf
+
+
+def _series(connection: sqlite3.Connection) -> Iterator[tuple[str, str]]:
+    """Yield source and channel of all rows, without reading them all."""
+    query = "SELECT source, channel FROM rollup WHERE (source, channel) > (?, ?) ORDER BY source, channel LIMIT 1"
+    found = connection.execute(f"{query.replace('> (?, ?)', '>= (?, ?)')}", ("", "")).fetchone()
+    while found is not None:
+        yield found
+        found = connection.execute(query, found).fetchone()
 
 
 def read_buckets(connection: sqlite3.Connection, key: SeriesKey, level: int, first: int, last: int) -> Buckets:

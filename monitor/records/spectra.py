@@ -105,14 +105,44 @@ def thin_spectra(store: Store, older_s: float) -> int:
     Of those older than ``older_s`` before the newest kept one of their channel, the first of each week stays. Pinned
     ones stay.
     """
+    with store.transaction() as connection:
+        return thin_within(connection, older_s)
+
+
+def thin_within(connection: sqlite3.Connection, older_s: float) -> int:
+    """Delete kept spectra as :func:`thin_spectra`, within a transaction."""
     query = (
         "SELECT rowid FROM (SELECT rowid, row_number() OVER (PARTITION BY source, channel, CAST(time / ?1 AS INTEGER)"
         " ORDER BY sequence) AS place FROM spectra AS old WHERE kind = 1 AND time < (SELECT max(time) FROM spectra"
         " AS new WHERE new.source = old.source AND new.channel = old.channel) - ?2) WHERE place > 1 LIMIT ?3"
     )
-    with store.transaction() as connection:
-        rows = connection.execute(query, (_WEEK_S, older_s, _MAX_THINNED)).fetchall()
-        connection.executemany("DELETE FROM spectra WHERE rowid = ?", rows)
+    rows = connection.execute(query, (_WEEK_S, older_s, _MAX_THINNED)).fetchall()
+    connection.executemany("DELETE FROM spectra WHERE rowid = ?", rows)
+    return len(rows)
+
+
+def strip_views(connection: sqlite3.Connection, *, whole: bool) -> int:
+    """Delete waveforms, or ``whole`` views, of the oldest kept spectra, a few within a transaction; return how many.
+
+    Those of pinned spectra, and of the newest kept one and the newest of each channel, stay.
+    """
+    wanted = "" if whole else "AND json_extract(header, '$.view.sizes[2]') > 0"
+    query = (
+        "SELECT rowid, header, view FROM spectra AS old WHERE kind = 1 AND view NOT NULL AND instr(header, '\"view\":')"
+        f" {wanted} AND sequence < (SELECT max(sequence) FROM spectra AS new WHERE new.source = old.source"
+        " AND new.channel = old.channel AND kind = 1) ORDER BY time, sequence LIMIT ?"
+    )
+    rows = connection.execute(query, (_MAX_THINNED,)).fetchall()
+    for row, text, blob in rows:
+        header, kept = json.loads(text), None
+        if whole:
+            del header["view"]
+        else:
+            *before, size = header["view"]["sizes"]
+            header["view"]["sizes"] = [*before, 0]
+            kept = blob[: sum(before)] + blob[sum(before) + size :]
+        text = json.dumps(header, allow_nan=False, separators=(",", ":"))
+        connection.execute("UPDATE spectra SET header = ?, view = ? WHERE rowid = ?", (text, kept, row))
     return len(rows)
 
 

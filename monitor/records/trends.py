@@ -22,6 +22,7 @@ from monitor.records.rollup import (
     Ints,
     Points,
     SeriesKey,
+    dropped_before,
     joined,
     read_buckets,
     read_points,
@@ -190,7 +191,8 @@ def _newer(connection: sqlite3.Connection, key: SeriesKey, block: int) -> tuple[
 
 def _buckets(connection: sqlite3.Connection, key: SeriesKey, span: _Span, points: int) -> TrendTable:
     """Return no more than ``points`` whole buckets, from those of a level that are a few times as narrow."""
-    level = next((level for level in LEVELS_S if span.buckets(level) <= _MAX_FINE_BUCKETS * points), LEVELS_S[-1])
+    whole = [level for level in LEVELS_S if dropped_before(connection, level, dated=key.dated) <= span.since]
+    level = next((level for level in whole if span.buckets(level) <= _MAX_FINE_BUCKETS * points), LEVELS_S[-1])
     factor = _factor(level, span, points)
     first = int(span.since // (level * factor)) * factor
     last = (int(span.until // (level * factor)) + 1) * factor - 1

@@ -36,7 +36,7 @@ from monitor.service.machine_status import MachineStatus, SilenceLog
 from monitor.service.neighbours.condition import ConditionProcess
 from monitor.service.progress import boot_id
 from monitor.service.retention import Retention
-from monitor.service.start import Inspection, inspect, refuse_implausible
+from monitor.service.start import Inspection, inspect, refuse_implausible, refuse_small_quota
 from monitor.service.summary import run_attributes, uncalibrated_lines
 from monitor.service.system import DiskGuard, ServiceManager, StatusFile, full_disk, is_running
 from monitor.words.events import event_text
@@ -160,6 +160,7 @@ class Daemon:
         )
         opened.callback(self._store.close)
         self._recovered = self._recovered if recovered is None else recovered.text
+        refuse_small_quota(self._config, self._store)
         self._companions = Companions(self._config, self._store, self._path, self._monotonic)
         opened.callback(self._companions.close)
         self._log = opened.enter_context(EventLog(self._store.path))
@@ -329,7 +330,8 @@ class Daemon:
             restarts = {name: found.values() for name, found in self._restarts().items() if found.failures}
             values = self._status.values(status, self.problems(), self._failures())
             listeners = self._ingest.listeners() | self._companions.listeners()
-            self._file.write({**values, **progress, "restarts": restarts, "listeners": listeners})
+            beside = {"restarts": restarts, "listeners": listeners, "retention": self._retention.values()}
+            self._file.write({**values, **progress, **beside})
         except Exception as error:  # A status that cannot be composed must not end the daemon.
             reason = getattr(error, "strerror", None) or error
             problem = f"{self._file.path}: cannot be written ({reason})"

@@ -1,4 +1,4 @@
-"""Retention: condenses old blocks, thins spectra, shortens the store, and keeps to the size cap, in short steps.
+"""Retention: condenses old blocks, thins spectra, shortens the store, and keeps to the quota, in short steps.
 
 All of it runs in the thread that commits, between blocks: a step is a transaction of some hundredths of a second, so
 that a kill leaves whole blocks, and the next start goes on where it ended.
@@ -10,16 +10,19 @@ import logging
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 from monitor.config.machine import RetentionSection
-from monitor.records.compact import reusable_bytes, shorten, stored_bytes
+from monitor.records.compact import reusable_bytes, settle_log, shorten, stored_bytes
 from monitor.records.condense import condense
 from monitor.records.events import EventLog
 from monitor.records.failures import Failures, StoreError
+from monitor.records.quota import HEADROOM, give_up, given_up
 from monitor.records.recover.loss import damage_in_use
 from monitor.records.spectra import thin_spectra
 from monitor.records.store import Store
 from monitor.service.publisher import PublishedFiles
+from monitor.words.events import utc_text
 
 _LOG = logging.getLogger(__name__)
 _DAY_S = 86400.0
@@ -35,6 +38,10 @@ _RETRY_S = 1.0
 _SPECTRA_S = 3600.0
 _MEASURE_S = 60.0
 _NOTICE_S = _DAY_S
+_GIVING_UP = (
+    "store and published files reach max_gb = {:g}: waveforms, raw spectra, then full records older than a day leave "
+    "the store"
+)
 
 
 class Retention:
@@ -54,8 +61,9 @@ class Retention:
         self._monotonic, self._clock = monotonic, clock
         self._due = self._spectra_due = self._measure_due = float("-inf")
         self._blocks, self._pages = 64, 64
-        self._over: int | None = None
-        self._exhausted = False
+        self._limit = None if section.max_gb is None else round(section.max_gb * 1e9)
+        self._used: int | None = None
+        self._over = self._exhausted = self._published = False
         self._noticed: dict[str, float] = {}
         self._lost: set[str] = set()
         self._news = False
@@ -72,9 +80,27 @@ class Retention:
     @property
     def to_delete(self) -> int:
         """Bytes of published days to delete: where the configuration allows it and the store can give no more."""
-        if self._over is None or self._section.max_gb is None or not self._section.delete_published:
+        if self._used is None or self._limit is None or not self._section.delete_published:
             return 0
-        return self._over - round(self._section.max_gb * 1e9) if self._exhausted else 0
+        return self._used - _soft(self._limit) if self._over and self._exhausted and self._published else 0
+
+    def values(self) -> dict[str, Any] | None:
+        """Return use, quota and what gave way for it, as plain values for JSON; None without a quota."""
+        if self._limit is None:
+            return None
+        try:
+            gone = given_up(self._store)
+        except StoreError:
+            # It is among the problems already.
+            gone = {}
+        return {
+            "used_gb": None if self._used is None else round(self._used / 1e9, 6),
+            "max_gb": self._section.max_gb,
+            "given_up": {
+                kind: {"since_utc": utc_text(found.since), "latest_utc": utc_text(found.latest)}
+                for kind, found in gone.items()
+            },
+        }
 
     def reusable_bytes(self) -> int:
         """Return the bytes inside the store that new blocks can take, where it cannot be shortened."""
@@ -112,7 +138,7 @@ class Retention:
         self._measure(files)
         self._note(files, disk)
         full_s = None if self._section.full_days is None else self._section.full_days * _DAY_S
-        short = disk is not None or self._over is not None
+        short = disk is not None
         if short:
             full_s = MIN_FULL_S if full_s is None else min(full_s, MIN_FULL_S)
         done = self._shorten()
@@ -120,8 +146,17 @@ class Retention:
             done = self._condense(full_s, by_number=short)
         if not done:
             done = self._thin(short=short)
-        self._exhausted = not done
+        if not done and self._over:
+            done = self._give_up(files)
+        self._exhausted, self._published = not done, files.complete
         return done > 0
+
+    def _give_up(self, files: PublishedFiles) -> int:
+        began = time.monotonic()
+        kind = give_up(self._store, MIN_FULL_S, self._blocks, self._clock(), published=files.complete)
+        if kind == "records":
+            self._blocks = _adapted(self._blocks, time.monotonic() - began, _MIN_BLOCKS, _MAX_BLOCKS)
+        return kind is not None
 
     def _condense(self, full_s: float, *, by_number: bool) -> int:
         began = time.monotonic()
@@ -150,27 +185,31 @@ class Retention:
         return done
 
     def _measure(self, files: PublishedFiles) -> None:
-        """Compare the size of store and files with the cap, once a minute."""
-        if self._section.max_gb is None or self._monotonic() < self._measure_due:
+        """Compare the size of store and files with the quota, once a minute and after each step beyond it."""
+        if self._limit is None or (not self._over and self._monotonic() < self._measure_due):
             return
         self._measure_due = self._monotonic() + _MEASURE_S
-        total = stored_bytes(self._store) + files.size
-        self._over = total if total > self._section.max_gb * 1e9 else None
+        self._used = stored_bytes(self._store) + files.size
+        if self._used > _soft(self._limit):
+            settle_log(self._store)
+            self._used = stored_bytes(self._store) + files.size
+        self._over = self._used > _soft(self._limit)
 
     def _cap_problem(self) -> str | None:
-        if self._over is None:
+        """Return why the quota is not kept, where nothing is left that may give way."""
+        if self._used is None or self._limit is None or self._used <= self._limit or not self._exhausted:
             return None
-        return (
-            f"store and published files take {self._over / 1e9:.3g} GB, max_gb is {self._section.max_gb:g}; the oldest "
-            "days can be moved with: spallwatch archive-days"
-        )
+        more = "the oldest days can be moved with: spallwatch archive-days"
+        if self._section.delete_published:
+            more = "the rest is needed for states, counts, forecasts and the newest day; set a greater one"
+        return f"store and published files take {self._used / 1e9:.3g} GB, max_gb is {self._section.max_gb:g}; {more}"
 
     def _note(self, files: PublishedFiles, disk: str | None) -> None:
         """Add notices: each at most once a day, each lost file once."""
         if disk is not None:
             self._notice("disk_low", f"{disk}; full records older than a day leave the store, they are in the files")
-        if self._over is not None:
-            self._notice("size_cap", self._cap_problem() or "")
+        if self._over:
+            self._notice("size_cap", self._cap_problem() or _GIVING_UP.format(self._section.max_gb))
         lost = set(files.missing) - self._lost
         if lost:
             self._lost |= lost
@@ -187,6 +226,11 @@ class Retention:
         _LOG.warning("%s", text)
         self._log.notice(self._clock(), {"kind": kind, "channel": None, "severity": "alert", "text": text})
         self._news = True
+
+
+def _soft(limit: int) -> int:
+    """Return the bytes beyond which something gives way."""
+    return round(limit * (1.0 - HEADROOM))
 
 
 def _adapted(size: int, spent: float, least: int, most: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,8 +19,10 @@ from monitor.pipeline import resumed_state
 from monitor.records.database import StoreError, refuse_network_share, refuse_unsuitable
 from monitor.records.ledger import StoreLedger
 from monitor.records.queries import has_ledger
+from monitor.records.quota import HEADROOM, least_bytes
 from monitor.records.recover.loss import damage_of
 from monitor.records.store import Store
+from monitor.service.retention import MIN_FULL_S
 from monitor.service.setup import source_settings, source_spec
 from streams.dates.dating import kept_dating
 from streams.open import check_live
@@ -83,6 +86,7 @@ def store_refusals(config: Config, found: Inspection) -> Iterator[str]:
     try:
         refuse_network_share(path, _existing(path.parent))
         if not os.path.lexists(path) or (path.is_file() and not path.stat().st_size):
+            refuse_small_quota(config, None)
             return
         # A journal is left by a process that was killed while it made the tables; only a writer can roll it back.
         machine = config.machine
@@ -92,6 +96,7 @@ def store_refusals(config: Config, found: Inspection) -> Iterator[str]:
             return
         refuse_unsuitable(path, create=False)
         with Store.open(path, machine=config.machine.name, create=False, read_only=True) as store:
+            refuse_small_quota(config, store)
             for settings in found.settings.values():
                 resumed_state(store, settings)
             if not has_ledger(store):
@@ -100,10 +105,23 @@ def store_refusals(config: Config, found: Inspection) -> Iterator[str]:
                 for spec in found.specs:
                     if spec.url.startswith("folder:"):
                         kept_dating(spec, ledger)
-    except (StoreError, SourceError) as error:
+    except (ConfigError, StoreError, SourceError) as error:
         yield str(error)
     except OSError as error:
         yield f"{path}: {error.strerror or error}"
+
+
+def refuse_small_quota(config: Config, store: Store | None) -> None:
+    """Refuse a ``max_gb`` that what must stay in the store exceeds already; ConfigError, naming the number needed."""
+    quota = config.retention.max_gb
+    if quota is None:
+        return
+    least = least_bytes(store, len(config.channel), MIN_FULL_S) / (1.0 - HEADROOM)
+    if quota * 1e9 < least:
+        raise ConfigError(
+            f"retention.max_gb = {quota:g}: too small for what never leaves (states, identities, coarse trends, "
+            f"forecasts, the newest day); expected at least {math.ceil(least / 1e6) / 1e3:g}"
+        )
 
 
 def records_refusals(config: Config) -> Iterator[str]:

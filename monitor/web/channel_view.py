@@ -119,6 +119,8 @@ def cyclic(machine: WatchedMachine, channel: str, query: Query) -> dict[str, Any
 def waveform(machine: WatchedMachine, channel: str, query: Query) -> dict[str, Any]:
     """Return the beginning of the waveform of one block, by default the newest with one; 404 without one."""
     row, view = _view(machine, channel, query)
+    if not view.waveform.size:
+        raise RequestError(404, "the waveform of this block was given up for max_gb")
     return {
         **_about(row, view),
         "waveform_g": numbers(view.waveform * _in_g(row), 5),

@@ -11,7 +11,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from monitor.config.load import load_config
-from monitor.records import compact
+from monitor.records import compact, rollup
 from monitor.records.condense import condense
 from monitor.records.events import EventLog
 from monitor.records.ledger import StoreLedger
@@ -20,6 +20,7 @@ from monitor.records.recover.salvage import open_or_salvage
 from monitor.records.store import Published, Store
 from monitor.service.ingest import Ingest
 from tests.support.forks import Messages
+from tests.support.quota import Bounded
 from tests.support.store_kill import block
 
 
@@ -71,3 +72,15 @@ def analyse_first(messages: Messages, config: Path) -> None:
     ):
         while ingest.step(threading.Event()) is None:
             pass
+
+
+def give_up_without_end(messages: Messages, path: Path) -> None:
+    """Commit a block an hour of its clock under a small quota without end, and send the number of the latest block."""
+    compact.RESERVE_BYTES, rollup.BATCH_BLOCKS = 0, 4
+    bounded = Bounded(path, 1_500_000.0)
+    bounded.time += 3600.0 * bounded.number
+    while True:
+        number = bounded.number + 1
+        bounded.block("pinned" if number <= 10 else "kept", event=number % 10 == 0, forecast=True)
+        messages.send(number)
+        bounded.hour(ticks=3)
