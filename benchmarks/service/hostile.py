@@ -61,7 +61,7 @@ _NEW_USERS = 60
 _PATIENCE_S = 30.0
 _ANEW_S = 5.0
 """Between two connections of sender and OPC UA client."""
-_VIEW = ("/", "/static/main.js", "/api/machines", "/api/channels/m/x/records?points=500", "/api/events?limit=50")
+_VIEW = ("/", "/static/main.js", "/api/machines", "/api/channels/m/x0/records?points=500", "/api/events?limit=50")
 
 
 @dataclass
@@ -129,9 +129,9 @@ def ask(watch: Watch, *paths: str, **request: Any) -> list[str]:
 
 
 def use_page(watch: Watch) -> None:
-    """Sign in as a new, a returning and a known user in turn, and look at the page, about twice a second."""
+    """Sign in as a new, a returning and a known user in turn, and look at the page, about every second."""
     known, session, number = "", "", 0
-    while not watch.ending.wait(0.2):
+    while not watch.ending.wait(1.0):
         number += 1
         with watch.timed("sign-in, new"):
             sign_in(watch, f"u{number % _NEW_USERS}")
@@ -149,7 +149,7 @@ def follow_page(watch: Watch) -> None:
         connection = http.client.HTTPConnection("127.0.0.1", watch.page, timeout=_PATIENCE_S)
         with watch.timed("stream of the page opens"):
             cookie = "; ".join(sign_in(watch, "bob"))
-            connection.request("GET", "/api/stream?machine=m&channel=x", headers={"Cookie": cookie})
+            connection.request("GET", "/api/stream?machine=m&channel=x0", headers={"Cookie": cookie})
             answer = connection.getresponse()
             if answer.status != 200:
                 raise ValueError(f"/api/stream: {answer.status}")

@@ -192,13 +192,13 @@ def _unread_stream(client: Client) -> None:
     socket_lines = ("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: AA==")
     lines = client.random.choice(((), socket_lines))
     with client.dial(client.target.page) as connection:
-        client.send(connection, client.head("GET /api/stream?machine=m&channel=x", *lines))
+        client.send(connection, client.head("GET /api/stream?machine=m&channel=x0", *lines))
         client.hold(connection)
 
 
 def _unread_answers(client: Client) -> None:
     with client.dial(client.target.page) as connection:
-        for path in ("/static/main.js", "/api/machines", "/api/channels/m/x/records?points=5000", "/api/events") * 8:
+        for path in ("/static/main.js", "/api/machines", "/api/channels/m/x0/records?points=5000", "/api/events") * 8:
             client.send(connection, client.head(f"GET {path}"))
         client.hold(connection)
 
@@ -206,7 +206,7 @@ def _unread_answers(client: Client) -> None:
 def _views(client: Client) -> None:
     path = client.random.choice(("records?points=5000", "spectrum", "waterfall", "map"))
     with client.dial(client.target.page) as connection:
-        client.send(connection, client.head(f"GET /api/channels/m/x/{path}", "Connection: close"))
+        client.send(connection, client.head(f"GET /api/channels/m/x0/{path}", "Connection: close"))
         while client.read(connection):
             pass
 

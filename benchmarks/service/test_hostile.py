@@ -25,7 +25,8 @@ def test_nothing_is_lost_and_nothing_leaks(case: str) -> None:
         ("lost", "doubled", "not ok", "files read", "exit code"), 0
     )
     waits = {row["what"]: row for row in found["waits"]}
-    # Those that are connected stay so.
+    # What is asked for is there; and those that are connected stay so.
+    assert waits["view of the page"]["alone: times"] > 0, found["causes"]
     for what in ("acknowledgement", "message of the stream", "OPC UA read"):
         assert waits[what]["attacked: failed"] == 0, found["causes"]
         assert waits[what]["attacked: times"] > 0

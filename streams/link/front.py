@@ -25,7 +25,7 @@ Cause = Literal["address", "full", "message", "rate", "replaced", "secret", "slo
 """Why connections are refused or ended, see docs/reference/daemon.md."""
 _LATELY_S = 2.0
 """Time in which a connection counts less and less."""
-_FEWER, _MIN_LEVEL = 0.98, 3.0
+_FEWER, _MIN_LEVEL = 0.995, 3.0
 
 
 def client_of(address: str) -> str:
