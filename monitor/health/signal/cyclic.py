@@ -341,7 +341,7 @@ def kept_coherence(row: SpectrumRow) -> CyclicCoherence:
     Raises:
         ValueError: the row has no view or no speed, or its waveform is too short.
     """
-    if row.view is None or not row.speed > 0.0 or not row.lines:
+    if row.view is None or not row.view.waveform.size or not row.speed > 0.0 or not row.lines:
         raise ValueError("nothing is kept of the samples of this block, or its speed is not known")
     rate, samples = row.view.rate, np.asarray(row.view.waveform, dtype=np.float64)
     duration = samples.size / rate

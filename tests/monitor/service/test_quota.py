@@ -7,6 +7,7 @@ import random
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -24,6 +25,8 @@ from monitor.records.store import Store
 from monitor.records.trends import read_trends
 from monitor.service.daemon import Daemon
 from monitor.service.start import inspect, store_refusals
+from monitor.web.answers import RequestError
+from monitor.web.channel_view import cyclic, waveform
 from tests.monitor.records.condensed import BEGIN as FILLED_FROM
 from tests.monitor.records.condensed import DAY, fill
 from tests.support.daemon import last, put, running
@@ -132,6 +135,11 @@ def test_a_stripped_view_has_its_spectra_then_nothing(tmp_path: Path) -> None:
     row = read_block_view(bounded.store, "x", at=1)
     assert before is not None and before.view is not None and row is not None and row.view is not None  # noqa: PT018
     assert row.view.waveform.size == 0
+    page: Any = SimpleNamespace(store=bounded.store, channel=lambda _: SimpleNamespace(source="s", unit="g"))
+    for answer in (waveform, cyclic):
+        with pytest.raises(RequestError) as refused:
+            answer(page, "x", {"block": "1"})
+        assert refused.value.status == 404
     assert (row.view.spectra.amplitude == before.view.spectra.amplitude).all()
     assert (row.view.spectra.highest == before.view.spectra.highest).all()
     with bounded.store.transaction() as connection:
