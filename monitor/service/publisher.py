@@ -20,7 +20,7 @@ from models.platform.supervision import Restarts
 from monitor.records.database import StoreError
 from monitor.records.durable import locked
 from monitor.records.events import EventLog
-from monitor.records.quota import note_given_up
+from monitor.records.quota import note_days_given_up
 from monitor.records.store import Published, Store
 from monitor.service.children import Child
 
@@ -166,8 +166,7 @@ class Publisher:
             for done in answer["published"]:
                 self._store.note_published(Published(*done))
             if answer["deleted"]:
-                with self._store.transaction() as connection:
-                    note_given_up(connection, "published_days", time.time())
+                note_days_given_up(self._store, time.time())
         except StoreError as error:
             _LOG.warning("what was published cannot be noted: %s", error)
             self._changed = True

@@ -51,13 +51,13 @@ def read_uff(
     with universal_file(data, name, torn=True) as file:
         functions = _functions(file, name, patterns)
         si = is_si(file)
-    if not functions:
+    samples = _described(functions, si, name, zone, disregard) if functions else None
+    if _count_tags(data) % 2 and not (samples and samples.torn):
+        raise ReaderError("incomplete", f"{name}: breaks off within a data set, after {len(data)} bytes")
+    if samples is None:
         raise ReaderError(
             "wrong_shape", f"{name}: no time response of data set 58 matches {', '.join(patterns) or '*'}"
         )
-    samples = _described(functions, si, name, zone, disregard)
-    if _count_tags(data) % 2 and not samples.torn:
-        raise ReaderError("incomplete", f"{name}: breaks off within a data set, after {len(data)} bytes")
     return samples
 
 

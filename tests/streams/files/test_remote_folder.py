@@ -38,9 +38,9 @@ def gets(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     fetched: list[str] = []
     get = remote._get
 
-    def noted(files: object, path: str, target: Path) -> None:
+    def noted(files: object, file: remote.RemoteFile, target: Path) -> None:
         fetched.append(target.name)
-        get(files, path, target)
+        get(files, file, target)
 
     monkeypatch.setattr(remote, "_get", noted)
     return fetched
