@@ -21,8 +21,13 @@ from benchmarks.common import print_table, write_json
 from benchmarks.loggers.judge import ASKED, REFUSED, RIGHT, WRONG
 from benchmarks.loggers.trial import judged
 
-SETS = {"design": range(60), "held-out": range(1000, 1060), "second held-out": range(5000, 5060)}
-"""The first held-out set has been looked at since it was judged; the second is judged once."""
+SETS = {
+    "design": range(60),
+    "held-out": range(1000, 1060),
+    "second held-out": range(5000, 5060),
+    "third held-out": range(9000, 9060),
+}
+"""The first two held-out sets have been looked at since they were judged; the third is judged once."""
 
 
 def totals(rows: list[dict[str, Any]]) -> dict[str, float | int]:
