@@ -103,12 +103,16 @@ def _steady(life: Life, verdict: Verdict, goes_on_s: float) -> None:
     size = life.log_size()
     for each in life.traffic.values():
         each.clear()
+    before = _lost(life)
     life.shim.arm(verdict.case.plan)
-    _watch(life, verdict, size, goes_on_s)
+    _watch(life, verdict, size, goes_on_s, before)
 
 
-def _watch(life: Life, verdict: Verdict, size: int, goes_on_s: float) -> None:
-    """Follow the fault to its end, and the life until all traffic passes or the daemon ends."""
+def _watch(life: Life, verdict: Verdict, size: int, goes_on_s: float, lost: int = 0) -> None:
+    """Follow the fault to its end, and the life until all traffic passes or the daemon ends.
+
+    ``lost``: connections that had broken off before.
+    """
     plan, problems = verdict.case.plan, set[str]()
     starts, began = verdict.case.when == "start", time.monotonic()
     give_up = began + (START_S if starts else _NOT_FIRED_S)
@@ -146,8 +150,7 @@ def _watch(life: Life, verdict: Verdict, size: int, goes_on_s: float) -> None:
     if not verdict.told and (problems or told):
         verdict.told = "status" if problems else "log"
         verdict.text = next(iter(sorted(problems)), told[0] if told else "")
-    if verdict.noticed and not verdict.told:
-        verdict.problems.append("not told")
+    _judge_told(life, verdict, lost)
 
 
 def _problems(life: Life) -> set[str]:
@@ -155,6 +158,29 @@ def _problems(life: Life) -> set[str]:
     if status.get("pid") != life.daemon.pid:
         return set()
     return {f"{name}: {problem}" for name, problem in status.get("problems", {}).items()}
+
+
+def _lost(life: Life) -> int:
+    """Return how many connections broke off, as /metrics counts them for the page and all that listens."""
+    lines = life.reader.metrics().splitlines()
+    return sum(int(float(line.split()[-1])) for line in lines if "_refused_total{" in line and 'cause="lost"' in line)
+
+
+def _judge_told(life: Life, verdict: Verdict, lost: int) -> None:
+    """What was noticed has to be told; a connection that broke off is, where it is counted."""
+    if not verdict.noticed or verdict.told:
+        return
+    if _wait_for_lost(life, lost):
+        verdict.told, verdict.text = "status", "a connection broke off: counted in /metrics"
+    else:
+        verdict.problems.append("not told")
+
+
+def _wait_for_lost(life: Life, before: int) -> bool:
+    until = time.monotonic() + GOES_ON_S
+    while _lost(life) <= before and time.monotonic() < until:
+        time.sleep(0.1)
+    return _lost(life) > before
 
 
 def _judge_end(life: Life, verdict: Verdict, size: int) -> None:

@@ -204,3 +204,13 @@ class Reader(Traffic):
             answer = connection.getresponse()
             if answer.status != 200 or not json.loads(answer.read())["machines"]:
                 raise ValueError(f"the machines were answered with {answer.status}")
+
+    def metrics(self) -> str:
+        """Return what the page says to a collector of metrics, "" where it does not answer."""
+        token = self._token_file.read_text().strip()
+        with closing(http.client.HTTPConnection("127.0.0.1", self._port, timeout=2 * _PATIENCE_S)) as connection:
+            try:
+                connection.request("GET", "/metrics", headers={"authorization": f"Bearer {token}"})
+                return connection.getresponse().read().decode()
+            except (OSError, http.client.HTTPException):
+                return ""

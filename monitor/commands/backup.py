@@ -24,7 +24,7 @@ from monitor.records.backup import (
     read_note,
 )
 from monitor.records.database import StoreError
-from monitor.records.published_folder import MovedDay, MovedDaysError, days_before, move_day
+from monitor.records.published_folder import MovedDay, MovedDaysError, MoveFailedError, days_before, move_day
 from monitor.records.restore import Places, restore
 from monitor.service.system import StatusFile, is_running
 from monitor.words.numbers import count
@@ -161,7 +161,7 @@ def archive_days_command(config_path: Path | None, before: datetime, folder: Pat
 
     Each file is copied, the copy is read back and compared, and only then the file is removed. What was moved stands in
     MACHINE-moved.json beside the published files. After an interruption, run it again. A day that cannot be moved stays
-    and is named at the end, with exit code 2.
+    and is named at the end, with exit code 1 where the system refuses, else 2.
     """
     machine = read_config(config_path).machine
     store = machine.state_dir / "state.db"
@@ -169,16 +169,17 @@ def archive_days_command(config_path: Path | None, before: datetime, folder: Pat
     days = days_before(machine.records_dir, machine.name, before.date())
     todo = progress_bar("moving days", quiet=quiet)(days, len(days))
     moved: list[MovedDay] = []
-    refused: list[str] = []
+    refused: list[MovedDaysError] = []
     for path in todo:
         try:
             moved.append(move_day(path, machine.name, folder, store, time.time()))
         except MovedDaysError as error:
-            refused.append(str(error))
+            refused.append(error)
     size = sum(day.size for day in moved)
     values = {"moved": [day.file for day in moved], "to": str(folder), "bytes": size}
     emit(values, [f"{len(moved)} days, {size / 1e6:.1f} MB, were moved to {folder}"], as_json=as_json)
     if refused:
-        listed = list(dict.fromkeys(refused))
+        listed = list(dict.fromkeys(map(str, refused)))
         more = [f"and {len(listed) - _MAX_NAMED} days more"] if len(listed) > _MAX_NAMED else []
-        raise MovedDaysError("\n".join((*listed[:_MAX_NAMED], *more)))
+        failed = any(isinstance(error, MoveFailedError) for error in refused)
+        raise (MoveFailedError if failed else MovedDaysError)("\n".join((*listed[:_MAX_NAMED], *more)))

@@ -34,6 +34,12 @@ class MovedDaysError(WrongInputError):
     """A published day cannot be moved, or the register cannot be used; the message names the file and the cause."""
 
 
+class MoveFailedError(MovedDaysError):
+    """The system refuses what a move needs."""
+
+    exit_code = 1
+
+
 @dataclass(frozen=True)
 class MovedDay:
     """A published file that is no longer in its folder.
@@ -108,7 +114,7 @@ def move_day(path: Path, machine: str, to: Path, store: Path, utc: float) -> Mov
             moved = MovedDay(path.name, str(to.resolve()), path.stat().st_size, digest, utc)
             _remove(path, machine, moved)
     except OSError as error:
-        raise MovedDaysError(f"{path}: cannot be moved to {to}: {error.strerror or error}") from error
+        raise MoveFailedError(f"{path}: cannot be moved to {to}: {error.strerror or error}") from error
     return moved
 
 

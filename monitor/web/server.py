@@ -83,7 +83,9 @@ class LimitedProtocol(H11Protocol):
         self._watch = self.loop.call_later(self.head_within, self._check_progress)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Stop the timers."""
+        """Stop the timers; a connection that broke off is counted."""
+        if exc is not None:
+            self.door.refused["lost"] += 1
         for timer in (self._head, self._watch):
             if timer is not None:
                 timer.cancel()

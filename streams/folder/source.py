@@ -34,7 +34,7 @@ from streams.types.stamps import date_folders
 _LOG = logging.getLogger(__name__)
 _MAX_NOTED = 8
 _MIN_PAUSE_SCANS = 20.0
-"""Pause after a scan, in durations of the scan."""
+"""Pause after a scan, in durations of its listing: what the store delays must not delay the next."""
 _RETRY_S = 30.0
 """Time after which files of no known format are read again though they have not changed."""
 _OVERFLOW_SHOWN_S = 60.0
@@ -85,7 +85,7 @@ class FolderSource(LiveSource):
         self._tried: dict[str, Stat] = {}
         self._retry = 0.0
         self._next_scan = 0.0
-        self._scanning: Iterator[None] | None = None
+        self._scanning: Iterator[bool] | None = None
         self._scan_began = self._scan_s = 0.0
         self._unscanned = 0
         self._overflows = 0
@@ -222,17 +222,19 @@ class FolderSource(LiveSource):
             if now < self._next_scan:
                 return
             self._scanning, self._scan_began, self._scan_s = self._scan(now), now, 0.0
-        began = self._clock.monotonic()
+        began = before = self._clock.monotonic()
         try:
-            for _ in self._scanning:
-                if (took := self._clock.monotonic() - began) >= self._clock.patience_s:
-                    self._scan_s += took
+            for lists in self._scanning:
+                now = self._clock.monotonic()
+                if lists:
+                    self._scan_s += now - before
+                before = now
+                if now - began >= self._clock.patience_s:
                     return
         except BaseException:
             self._scanning, self._unscanned = None, 0
             raise
         self._scanning, self._unscanned = None, 0
-        self._scan_s += self._clock.monotonic() - began
         self._next_scan = self._scan_began + max(self._spec.settle_s / 2, _MIN_PAUSE_SCANS * self._scan_s, 0.1)
 
     def _take_events(self, now: float) -> None:
@@ -246,8 +248,8 @@ class FolderSource(LiveSource):
             if found is not None and not any(map(is_skipped, path.split("/"))):
                 self._register.observe(path, found, now, closed=True)
 
-    def _scan(self, now: float) -> Iterator[None]:
-        """Watch the folder where it is new, then compare it with the ledger; yield after each file."""
+    def _scan(self, now: float) -> Iterator[bool]:
+        """Watch the folder where it is new, then compare it with the ledger; yield after each file whether it lists."""
         try:
             status = self._root.stat()
             if self._watch.tend() or (status.st_dev, status.st_ino) != self._identity:
@@ -265,7 +267,7 @@ class FolderSource(LiveSource):
             for path, found in walk_files(str(self._real), closed):
                 listing[path] = found
                 self._unscanned += 1
-                yield
+                yield True
         except OSError as error:
             self._set_problem(f"{self._root}: cannot be read ({error.strerror})")
             self._identity = None
@@ -275,7 +277,7 @@ class FolderSource(LiveSource):
             self._register.release(key)
         for _ in self._register.update(listing, now):
             self._unscanned -= 1
-            yield
+            yield False
 
     def _note(self, keys: tuple[str, ...]) -> None:
         """Note the files that the background handles."""

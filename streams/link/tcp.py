@@ -278,7 +278,7 @@ class TcpReceiver(Receiver):
         except ClosedError as error:
             self._drop(peer, None if error.whole else str(error))
         except OSError as error:
-            self._drop(peer, f"connection lost: {error}")
+            self._drop(peer, f"connection lost: {error}", "lost")
         except WireError as error:
             self._refuse(peer, error)
         except Exception as error:  # A fault of one sender must not end the others.

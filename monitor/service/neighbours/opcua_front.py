@@ -170,7 +170,9 @@ class LimitedConnection(OPCUAProtocol):
         self._after("idle", IDLE_S, self._end_if_idle)
 
     def connection_lost(self, ex: BaseException | None) -> None:
-        """Count it no more."""
+        """Count it no more, and one that broke off as such."""
+        if ex is not None:
+            self._door.refused["lost"] += 1
         self._door.remove(self)
         for timer in self._timers.values():
             timer.cancel()

@@ -31,6 +31,7 @@ WRONG_INPUT = {
     "MemoryBoundError",
     "MemoryNeedError",
     "MissingExtraError",
+    "MoveFailedError",
     "MovedDaysError",
     "NoFinalStageError",
     "ObliqueError",
@@ -57,7 +58,7 @@ WRONG_INPUT = {
 }
 
 
-WHILE_RUNNING = {"StoreDamagedError"}
+WHILE_RUNNING = {"MoveFailedError", "StoreDamagedError"}
 """Kinds of wrong input that arise amid a run, which has then failed."""
 
 

@@ -6,6 +6,7 @@ import errno
 import os
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -350,6 +351,24 @@ def test_a_folder_with_very_many_files_is_scanned_in_short_turns_and_then_delive
     while not rig.run(1.0, most=1):
         pass
     assert [item.name for item in rig.items] == ["f1.csv"]
+
+
+def test_a_store_that_delays_one_scan_does_not_delay_the_next_ones(rig: Rig, monkeypatch: pytest.MonkeyPatch) -> None:
+    put(rig, "f1.csv", 1)
+    rig.run()
+    released = rig.ledger.released
+
+    def slowly(source: str) -> Any:
+        rig.clock.now += 2.0
+        monkeypatch.undo()
+        return released(source)
+
+    monkeypatch.setattr(rig.ledger, "released", slowly)
+    rig.run(3.0)
+    # Moved in: no event names it.
+    put(rig, "f2.csv", 2)
+    rig.run(2.5 * rig.spec.settle_s)
+    assert [item.name for item in rig.items] == ["f1.csv", "f2.csv"]
 
 
 def test_files_that_come_in_order_are_not_held_back_after_a_pause_of_the_reader(rig: Rig) -> None:
