@@ -83,15 +83,15 @@ def _place_doubts(subject: JudgedConfig, at: int, source: SourceSection) -> Iter
     if url is None:
         return
     path = Path(url.removeprefix("folder:") if url.startswith("folder:") else url.split(":", 2)[-1])
-    if is_recording(source):
-        here = "" if url.startswith("rig:") or path.exists() else "; it does not exist (yet)"
+    kind = "recording" if is_recording(source) else "folder" if url.startswith("folder:") else None
+    if kind is not None and "://" not in url and not url.startswith("rig:") and not path.exists():
+        came = f"{kind} {str(path)!r} does not exist (yet)"
+        yield subject.doubt("place", "problem", place, f"a {kind} that exists", came)
+    elif kind == "recording":
         came = f"url {url!r} is a recording: replay reads it, run refuses it"
-        yield subject.doubt("place", "warning", place, f"folder:PATH, tcp:// or mqtt:// for the daemon{here}", came)
-    elif not url.startswith("folder:"):
+        yield subject.doubt("place", "warning", place, "folder:PATH, tcp:// or mqtt:// for the daemon", came)
+    elif kind is None:
         return
-    elif not path.exists():
-        came = f"folder {str(path)!r} does not exist (yet)"
-        yield subject.doubt("place", "problem", place, "a folder that exists", came)
     elif path.is_dir() and not any(path.iterdir()):
         yield subject.doubt(
             "place", "warning", place, "files, or a logger that will write them", f"{str(path)!r} is empty"

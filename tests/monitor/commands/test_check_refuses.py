@@ -218,9 +218,11 @@ def test_a_folder_of_records_that_cannot_be_written_is_refused_by_check_alone(tm
     assert said[0].startswith("machine.records_dir = ")
 
 
-@pytest.mark.parametrize("path", ["recording.npy", "dataset:ims:archive", "rig:ferrara?seed=1"])
+@pytest.mark.parametrize("path", ["recording", "dataset:ims:archive", "rig:ferrara?seed=1"])
 def test_a_recording_is_a_problem_for_the_daemon_alone(tmp_path: Path, path: str) -> None:
     config = tmp_path / "m.toml"
+    for name in ("recording", "archive"):
+        (tmp_path / name).mkdir()
     config.write_text(text_of(**url(path)))
     done = run_command("check", "--config", config, "--json")
     assert done.returncode == 0
@@ -240,6 +242,18 @@ def test_the_limits_of_a_simulated_rig_are_said(tmp_path: Path) -> None:
     assert "its accelerometer shows sensor a of rotor, which has no casing" in limits
     config.write_text(text_of(**url("rig:ferrara?seed=1&model=rotor&bearing=1205")))
     assert "models that take it: six_dof, ring_impact" in run_command("check", "--config", config).stdout
+
+
+def test_a_missing_recording_is_a_problem(tmp_path: Path) -> None:
+    config = tmp_path / "m.toml"
+    config.write_text(text_of(**url("recordings")))
+    done = run_command("check", "--config", config)
+    assert done.returncode == 2, done.stderr
+    assert f"recording {str(tmp_path / 'recordings')!r} does not exist (yet)" in done.stdout
+    (tmp_path / "recordings").mkdir()
+    done = run_command("check", "--config", config)
+    assert "does not exist" not in done.stdout
+    assert "is a recording: replay reads it, run refuses it" in done.stdout
 
 
 def test_a_missing_folder_is_a_problem_and_a_damaged_store_no_refusal(tmp_path: Path) -> None:
