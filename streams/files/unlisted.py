@@ -337,12 +337,10 @@ def _time_of(fact: str, place: str, value: object, written: str, zone: str) -> U
     stamp = read_stamp(value, zone)
     if stamp is None:
         return None
-    times = [time for time in (stamp.day_first, stamp.month_first) if time is not None]
+    times = stamp.readings
     if not times or min(times) < 1e8:
         return None
-    return UnlistedStatement(
-        fact, place, written, tuple(dict.fromkeys(times)), stamp.resolution, "local" if stamp.local else ""
-    )
+    return UnlistedStatement(fact, place, written, times, stamp.resolution, "local" if stamp.local else "")
 
 
 def offers_for(samples: Samples, fact: str) -> tuple[UnlistedStatement, ...]:
