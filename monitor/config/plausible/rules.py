@@ -70,7 +70,7 @@ RULES: dict[str, DoubtRule] = {
     "threshold": DoubtRule("`threshold_mm2`", "beyond the map; above (element diameter)²", "above a tenth of that"),
     "damage": DoubtRule("`track`", "map, library or unit missing; of a velocity", "rig not calibrated"),
     "rig": DoubtRule("`[rig]`", "", "unproven claims"),
-    "place": DoubtRule("`url`", "folder does not exist", "empty, partly closed, or a recording"),
+    "place": DoubtRule("`url`", "path does not exist", "empty, partly closed, or a recording"),
     "access": DoubtRule(
         "`tcp://`, `mqtt://`", "no key, unusable files", "`peers` without key, weak key, bare password"
     ),
