@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 
 from models.words.errors import SpallwatchError
+from models.work.filesystem import is_below
 from models.work.folder_store import FolderStore, open_store
 from models.work.redact import redact
 from monitor.fleet.arrays import ARCHIVE_VERSION, CHANNEL, PART, RECORDING, ROW, UNDATED
@@ -100,7 +101,7 @@ def _files_of(url: str, machine: str, recording: str) -> Iterator[list[Path]]:
     if result is None or not result.files:
         reason = result.reason if result is not None else f"there is no {RESULT_NAME}"
         raise RecordsError(f"{redact(url)}: holds no records of {name}{f': {reason}' if reason else ''}")
-    if outside := [file.name for file in result.files if not _is_below(file.name)]:
+    if outside := [file.name for file in result.files if not is_below(file.name)]:
         raise RecordsError(f"{redact(url)}: {name}/{RESULT_NAME} names {outside[0]!r}, which leads out of the archive")
     if isinstance(store, FolderStore):
         yield [Path(store.url) / file.name for file in result.files]
@@ -112,10 +113,6 @@ def _files_of(url: str, machine: str, recording: str) -> Iterator[list[Path]]:
                 raise RecordsError(f"{redact(url)}: {file.name} is missing")
             copy.write_bytes(data)
         yield copies
-
-
-def _is_below(name: str) -> bool:
-    return not any(part in ("", ".", "..") or "\\" in part for part in name.split("/"))
 
 
 def _store_of(url: str) -> str | None:

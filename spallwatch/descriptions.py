@@ -10,6 +10,7 @@ from typing import Literal, TypedDict, Unpack
 
 from monitor.desk.recording import RecordingDescription
 from monitor.desk.recording import describe as described
+from streams.types.stamps import Order
 
 
 class DeskAnswers(TypedDict, total=False):
@@ -52,7 +53,7 @@ class DeskAnswers(TypedDict, total=False):
     start_utc: datetime | str
     interval_s: float | str
     time_name: str
-    date_order: Literal["day_first", "month_first", "year_first"]
+    date_order: Order
     pulses_per_revolution: int | str
     files: Literal["together", "sequence"]
     columns: Sequence[str]

@@ -31,7 +31,7 @@ from streams.open import open_source
 from streams.types.block import VELOCITY, Block, Rejected, to_si
 from streams.types.samples import ReaderError
 from streams.types.spec import DEFAULT_BLOCK_SECONDS, ChannelSpec, SourceError, SourceSpec
-from streams.types.stamps import utc_text
+from streams.types.stamps import Order, utc_text
 
 _NAME = "recording"
 _MAX_KEPT_SAMPLES = 1 << 20
@@ -90,7 +90,7 @@ class Reading(TypedDict, total=False):
     timezone: str
     time_from: Literal["header", "name", "count", "mtime"]
     time_name: str
-    date_order: Literal["day_first", "month_first", "year_first"]
+    date_order: Order
     interval_s: float
     files: str | Sequence[str]
     pulses: str

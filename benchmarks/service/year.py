@@ -31,7 +31,7 @@ from monitor.records.compact import file_bytes, settle_log
 from monitor.records.events import EventLog
 from monitor.records.publish import delete_oldest, missing_files, publish, published_bytes
 from monitor.records.published_folder import snapshot_path
-from monitor.records.quota import note_given_up
+from monitor.records.quota import note_days_given_up
 from monitor.records.store import Store
 from monitor.service.publisher import PublishedFiles
 from monitor.service.retention import Retention
@@ -148,8 +148,7 @@ class Monitored:
         """Publish as the daemon's publisher does, and delete what the quota asks for."""
         publish(self.store, self.records_dir)
         if delete_oldest(self.store, self.records_dir, self.retention.to_delete, BEGIN + self.now):
-            with self.store.transaction() as connection:
-                note_given_up(connection, "published_days", BEGIN + self.now)
+            note_days_given_up(self.store, BEGIN + self.now)
         missing = tuple(missing_files(self.store, self.records_dir))
         self.files = PublishedFiles(True, published_bytes(self.records_dir, "m"), missing)
 

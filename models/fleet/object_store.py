@@ -16,7 +16,7 @@ from typing import Any
 
 from models.words.errors import SpallwatchError, WrongInputError
 from models.work.errors import ObjectStorageError
-from models.work.filesystem import Listing, ListingError, cause, error_code, filesystem, in_loop, repeated
+from models.work.filesystem import Listing, ListingError, cause, error_code, filesystem, in_loop, is_below, repeated
 from models.work.redact import redact
 
 SCHEMES = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
@@ -244,7 +244,7 @@ class ObjectStore:
                 return None
 
     def _path(self, name: str) -> str:
-        if any(part in ("", ".", "..") or "\\" in part for part in name.split("/")):
+        if not is_below(name):
             raise ValueError(f"a name is parts joined by '/', got {name!r}")
         return f"{self._root}/{name}"
 

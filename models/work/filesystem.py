@@ -98,6 +98,11 @@ def _s3_options(kind: Any) -> dict[str, Any]:
     return {"config_kwargs": {**limits, **stated}}
 
 
+def is_below(name: str) -> bool:
+    """Return whether a name of parts joined by "/" stays below the folder that it is of, on any system."""
+    return not any(part in ("", ".", "..") or "\\" in part for part in name.split("/"))
+
+
 class ListingError(SpallwatchError):
     """A server lists what no bucket holds: the message says what."""
 

@@ -13,6 +13,7 @@ from urllib.parse import unquote, urlsplit
 from models.platform.portable import BINARY
 from models.words.errors import WrongInputError
 from models.words.extras import load
+from models.work.filesystem import is_below
 from models.work.task import FileStore
 
 
@@ -101,7 +102,7 @@ class FolderStore:
 
     def _path(self, name: str) -> Path:
         parts = name.split("/")
-        if any(part in ("", ".", "..") or part.startswith(_PART) or "\\" in part for part in parts):
+        if not is_below(name) or any(part.startswith(_PART) for part in parts):
             raise ValueError(f"a name is parts joined by '/', got {name!r}")
         return self._folder.joinpath(*parts)
 

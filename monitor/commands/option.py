@@ -84,6 +84,8 @@ line_contact = click.option(
 rows = click.option("--out", type=OUT_FILE, help="Write the rows too: .csv, .json or .nc.")
 
 
+DONE, WRONG = 0, 2
+"""Exit codes of a command that judges; monitor.cli has those of errors."""
 Result = tuple[Mapping[str, Any], Iterable[str]] | tuple[Mapping[str, Any], Iterable[str], int]
 """What a command answers: its JSON object, the lines for people, and the exit code (true is 1); by default it is 0."""
 

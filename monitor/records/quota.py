@@ -52,7 +52,7 @@ def given_up(store: Readable) -> dict[str, GivenUp]:
     return {kind: GivenUp(*found) for kind, found in json.loads(rows[0][0]).items()} if rows else {}
 
 
-def note_given_up(connection: sqlite3.Connection, kind: str, utc: float) -> None:
+def _note_given_up(connection: sqlite3.Connection, kind: str, utc: float) -> None:
     """Note within a transaction that something of a kind gave way."""
     row = connection.execute("SELECT value FROM meta WHERE key = ?", (_GIVEN_UP,)).fetchone()
     known = json.loads(row[0]) if row else {}
@@ -63,7 +63,7 @@ def note_given_up(connection: sqlite3.Connection, kind: str, utc: float) -> None
 def note_days_given_up(store: Store, utc: float) -> None:
     """Note that published days gave way; StoreError where that fails."""
     with store.transaction() as connection:
-        note_given_up(connection, KINDS[-1], utc)
+        _note_given_up(connection, KINDS[-1], utc)
 
 
 def give_up(store: Store, full_s: float, blocks: int, utc: float, *, published: bool) -> str | None:
@@ -79,7 +79,7 @@ def give_up(store: Store, full_s: float, blocks: int, utc: float, *, published: 
     with store.transaction() as connection:
         for kind in KINDS[:-1]:
             if _step(connection, kind, full_s, blocks, published=published):
-                note_given_up(connection, kind, utc)
+                _note_given_up(connection, kind, utc)
                 return kind
     return None
 

@@ -35,7 +35,7 @@ from monitor.web.security import Doors
 from monitor.web.users import USERS_FILE, Users
 from monitor.words.numbers import count
 from streams.link.entrance import Entrance
-from streams.link.front import Cause, Door
+from streams.link.front import BACKLOG, Cause, Door
 
 Report = Callable[[dict[str, Any]], object]
 
@@ -47,7 +47,6 @@ _MAX_STUCK = 3
 _ALIVE_S = 5.0
 _MAX_HEAD_BYTES = 8192
 _KEEP_ALIVE_S = 15
-_BACKLOG = 512
 _CONNECTIONS_PER_S = 400.0
 """Of all clients; a browser begins with six."""
 
@@ -288,7 +287,7 @@ def _listen(web: WebSection, port: int) -> socket.socket:
         listening = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listening.bind(address)
-        listening.listen(_BACKLOG)
+        listening.listen(BACKLOG)
     except OSError as error:
         if listening is not None:
             listening.close()

@@ -21,7 +21,7 @@ from urllib.parse import unquote, urlsplit
 
 from models.platform.scratch import free_bytes, scratch_folder
 from models.words.errors import SpallwatchError
-from models.work.filesystem import ListingError, cause, error_code, filesystem, repeated
+from models.work.filesystem import ListingError, cause, error_code, filesystem, is_below, repeated
 from models.work.redact import bare_url, has_user_info, redact
 from streams.files.container import is_archive
 from streams.files.download import RemoteError, download, refuse_size
@@ -332,10 +332,9 @@ def _is_same(files: Any, file: RemoteFile) -> bool:
 
 def target_of(folder: Path, name: str, url: str) -> Path:
     """Return where a file goes; SourceError for a name that no folder can hold."""
-    parts: Sequence[str] = name.split("/")
-    if any(part in ("", ".", "..") or "\\" in part or "\0" in part for part in parts):
+    if not is_below(name) or "\0" in name:
         raise SourceError(f"{redact(url)}: the name {shown(name)!r} cannot be that of a file")
-    return folder.joinpath(*parts)
+    return folder.joinpath(*name.split("/"))
 
 
 def _set_time(target: Path, changed: float | None) -> None:

@@ -21,6 +21,8 @@ FREE_GUESSES = 5
 FORGET_S = 900.0
 _FIRST_DELAY_S, _MAX_DELAY_S = 1.0, 5.0
 _MAX_CLIENTS = 10_000
+BACKLOG = 512
+"""Connections that wait in the kernel's queue of a listener."""
 Cause = Literal["address", "full", "lost", "message", "rate", "replaced", "secret", "slow", "unread"]
 """Why connections are refused or ended, see docs/reference/daemon.md."""
 _LATELY_S = 2.0

@@ -8,10 +8,10 @@ import logging
 import selectors
 import socket
 
+from streams.link.front import BACKLOG
 from streams.types.spec import Address, SourceError
 
 _LOG = logging.getLogger(__name__)
-_BACKLOG = 512
 Place = tuple[socket.AddressFamily, tuple[str, int]]
 """Family, numerical address and port."""
 
@@ -47,7 +47,7 @@ def bound(address: Address, place: Place, where: str, *, listen: bool) -> socket
             made.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         made.bind(at)
         if listen:
-            made.listen(_BACKLOG)
+            made.listen(BACKLOG)
         made.setblocking(False)
     except OSError as error:
         made.close()

@@ -37,8 +37,6 @@ from monitor.words.calibration import rig_words
 _MAX_IGNORED = 5
 """Files that are not read of which each is said."""
 
-DONE, WRONG = 0, 2
-
 
 @click.command("check")
 @option.config
@@ -74,7 +72,7 @@ def command(
     except ConfigError as error:
         if not as_json or not path.is_file():
             raise
-        return {"problems": invalid_entries(redact(str(error)), path)}, (), WRONG
+        return {"problems": invalid_entries(redact(str(error)), path)}, (), option.WRONG
     proposals = [] if recording is None else propose_interference(config, recording)
     dated = {} if refused else _previews(config)
     if keep and not refused:
@@ -102,7 +100,7 @@ def command(
         *problem_lines(problems),
     ]
     values = redacted(values) if refused else values
-    return values, lines, WRONG if any(problem["severity"] == "problem" for problem in problems) else DONE
+    return values, lines, option.WRONG if any(problem["severity"] == "problem" for problem in problems) else option.DONE
 
 
 def _previews(config: Config) -> dict[str, DatingPreview]:

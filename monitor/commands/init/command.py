@@ -36,7 +36,6 @@ def _words(ctx: click.Context, param: click.Parameter, value: str | None) -> dic
 
 
 _WIDTH = 88
-DONE, WRONG = 0, 2
 
 
 @click.command("init")
@@ -101,7 +100,7 @@ def command(
     problems = [f"{doubt.severity}: {doubt.text}" for doubt in found.doubts]
     values = {"out": str(out), "problems": problems, "machine": found.config.machine.name, "hash": found.config.hash}
     is_wrong = any(doubt.severity == "problem" for doubt in found.doubts)
-    return values, [f"wrote {out}", *problems, *_next_steps(seen, out)], WRONG if is_wrong else DONE
+    return values, [f"wrote {out}", *problems, *_next_steps(seen, out)], option.WRONG if is_wrong else option.DONE
 
 
 def _check_out(out: Path, *, force: bool, ask: bool, to_stderr: bool) -> None:

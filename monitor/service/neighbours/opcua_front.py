@@ -26,7 +26,7 @@ from asyncua.ua.status_codes import StatusCodes
 from asyncua.ua.ua_binary import header_from_binary
 
 from streams.link.entrance import Entrance
-from streams.link.front import Bucket, Cause, Door, FullError, client_of
+from streams.link.front import BACKLOG, Bucket, Cause, Door, FullError, client_of
 
 MAX_CHUNK_BYTES, MAX_MESSAGE_BYTES = 65_535, 1 << 19
 MAX_CONNECTIONS, MAX_SUBSCRIPTIONS, MAX_ITEMS = 128, 256, 20_000
@@ -38,7 +38,6 @@ _MAX_HELLO_BYTES, _MIN_BUFFER_BYTES = 8192, 8192
 _MESSAGES_PER_S, _BURST, _MAX_QUEUED = 500.0, 1000.0, 64
 _MAX_UNREAD_BYTES, _MAX_UNREAD_S = 1 << 18, 10.0
 _RESUME_S = 0.02
-_BACKLOG = 512
 _MAX_ITEM_QUEUE = 100
 _MIN_INTERVAL_MS, _MAX_INTERVAL_MS = 20.0, 3.6e6
 _HEAD = struct.Struct("<3scI")
@@ -95,7 +94,7 @@ class Listener(BinaryServer):
         # The server owns the bound sockets, these are of the same.
         self._sockets = [found.dup() for found in made.sockets]
         for found in self._sockets:
-            found.listen(_BACKLOG)
+            found.listen(BACKLOG)
         self.port = self._sockets[0].getsockname()[1]
         self._entrances = [
             asyncio.create_task(Entrance(found, self.door, self._make_protocol).run()) for found in self._sockets
