@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections.abc import Callable, Mapping
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from click.testing import CliRunner
 
 import spallwatch as sw
 from monitor.cli import spallwatch
-from streams.files.unlisted import bearings_of
+from streams.files.statements import plain_key
+from streams.files.unlisted import bearings_of, unlisted_in
 from streams.open import open_source
 from streams.types.block import Block
 from streams.types.spec import ChannelSpec, SourceSpec
@@ -196,3 +198,10 @@ def test_keys_of_other_things_bear_on_nothing(key: str) -> None:
 )  # fmt: skip
 def test_words_of_keys_in_five_languages(key: str, fact: str) -> None:
     assert fact in [found for found, unit in bearings_of(key) if unit != "?"]
+
+
+def test_a_date_under_an_unknown_key_has_each_of_its_readings() -> None:
+    facts = {plain_key("Aufnahme_begonnen"): "25/03/21 10:00:00"}
+    (one,) = unlisted_in(facts, [], "UTC")
+    assert one.fact == "start"
+    assert {datetime.fromtimestamp(time, UTC).date() for time in one.readings} == {date(2021, 3, 25), date(2025, 3, 21)}
