@@ -2,7 +2,7 @@
 
 Run as ``python -m benchmarks.engine.families [--quick] [--json FILE]``. Each family varies what its name says; all else
 is as in benchmarks/six_dof.py (thesis' rig and bearing, 15 to 50 Hz, 500 to 5000 N, 0.8 to 50 degrees, 1 to 32 um). The
-reference is the same engine at REFERENCE_ACCURACY, whose own estimate is stated; benchmarks/engine_oracle.py holds the
+reference is the same engine at REFERENCE_ACCURACY, whose own estimate is stated; reference/periodic holds the
 engine against code that shares nothing with it. Times are thread CPU time at an operating point already seen.
 """
 

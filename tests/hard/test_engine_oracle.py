@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from tests.oracles.periodic.judge import DEFAULT_ACCURACY, answer, verdict
-from tests.oracles.periodic.rig import from_dict
+from reference.periodic.judge import DEFAULT_ACCURACY, answer, verdict
+from reference.periodic.rig import from_dict
 from tests.support.effort import effort_count
 
 STORED = {

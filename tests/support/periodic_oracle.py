@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from tests.oracles.periodic.path import cutoff_of
-from tests.oracles.periodic.rig import OracleScene, Rough
-from tests.oracles.periodic.scenes import (
+from reference.periodic.path import cutoff_of
+from reference.periodic.rig import OracleScene, Rough
+from reference.periodic.scenes import (
     GEOMETRIES,
     ROLLER_K_C,
     THESIS_BEARING,

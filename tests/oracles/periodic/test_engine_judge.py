@@ -8,8 +8,8 @@ import pytest
 
 from models.machine.bearing import kinematics
 from models.solve.simulate import simulate
-from tests.oracles.periodic.judge import answer, engine_scene, solve, verdict
-from tests.oracles.periodic.scenes import DEVELOPMENT, scenes
+from reference.periodic.judge import answer, engine_scene, solve, verdict
+from reference.periodic.scenes import DEVELOPMENT, scenes
 from tests.support.periodic_oracle import ROLLERS, SPALL
 
 TRUTH = {

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from tests.oracles import six_dof_oracle
-from tests.oracles.periodic import kernel, tableau
-from tests.oracles.periodic.path import pieces_of
-from tests.oracles.periodic.rig import OracleScene, from_dict
-from tests.oracles.periodic.scenes import (
+from reference.periodic import kernel, tableau
+from reference.periodic.path import pieces_of
+from reference.periodic.rig import OracleScene, from_dict
+from reference.periodic.scenes import (
     DEVELOPMENT,
     HELD_OUT,
     scenes,
 )
-from tests.oracles.periodic.settle import Caps, History, Problem, is_averaged, other_levels, simulate_oracle
+from reference.periodic.settle import Caps, History, Problem, is_averaged, other_levels, simulate_oracle
+from tests.oracles import six_dof_oracle
 from tests.support.effort import effort_count
 from tests.support.periodic_oracle import ROLLERS, ROUGH, SPALL, thesis_scene
 

@@ -22,8 +22,8 @@ from models.solve.simulate import simulate
 from models.solve.six_dof.kernels.lanes import LANES, advance
 from models.solve.six_dof.lane_group import PERIODS, Group, Workspace, block_steps, grid_of
 from models.solve.six_dof.lanes import LaneOptions, LaneRunner, simulate_lanes
+from reference.periodic.settle import simulate_oracle
 from tests.oracles.lanes_oracle import SlipOracle
-from tests.oracles.periodic.settle import simulate_oracle
 from tests.oracles.six_dof_oracle import Case
 from tests.support.effort import effort_count
 from tests.support.periodic_oracle import thesis_scene

@@ -21,8 +21,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from tests.oracles.periodic.path import cutoff_of
-from tests.oracles.periodic.rig import Geometry, OracleScene, Parameters, Rough
+from reference.periodic.path import cutoff_of
+from reference.periodic.rig import Geometry, OracleScene, Parameters, Rough
 
 # Disjoint sets. A held-out set is compared once, when the engine no longer changes: the first two were, and what they
 # showed has since changed the engine.
@@ -59,7 +59,7 @@ THESIS_RIG = Parameters(
 )
 # Both line contacts of a steel roller 5.6 mm long (thesis, Eqs. 15 and 16), N/m^(10/9).
 ROLLER_K_C = 3.72e8
-_ROUGH_PITCH = 2e-3
+ROUGH_PITCH = 2e-3
 
 
 def scenes(seed: int, count: int) -> list[OracleScene]:
@@ -67,7 +67,8 @@ def scenes(seed: int, count: int) -> list[OracleScene]:
     return [_scene(np.random.default_rng([seed, i])) for i in range(count)]
 
 
-def _between(rng: np.random.Generator, low: float, high: float) -> float:
+def between(rng: np.random.Generator, low: float, high: float) -> float:
+    """Return a number whose logarithm is uniform."""
     return float(math.exp(rng.uniform(math.log(low), math.log(high))))
 
 
@@ -79,19 +80,19 @@ def _scene(rng: np.random.Generator) -> OracleScene:
         rig["k_c"] = ROLLER_K_C
     if kind == "any":
         for name in rig:
-            rig[name] *= _between(rng, 0.01, 10.0 if name.startswith("m_") else 100.0)
+            rig[name] *= between(rng, 0.01, 10.0 if name.startswith("m_") else 100.0)
     light = kind == "light"
-    speed = _between(rng, *((5.0, 100.0) if light else (0.05, 400.0)))
-    load = _between(rng, *((1.0, 1000.0) if light else (1.0, 50e3)))
+    speed = between(rng, *((5.0, 100.0) if light else (0.05, 400.0)))
+    load = between(rng, *((1.0, 1000.0) if light else (1.0, 50e3)))
     loose = light or rng.random() < 0.6
-    clearance = _between(rng, *((2.0, 20.0) if light else (0.1, 50.0))) * _UM if loose else 0.0
+    clearance = between(rng, *((2.0, 20.0) if light else (0.1, 50.0))) * _UM if loose else 0.0
     healthy = not light and rng.random() < 0.1
-    extent = _between(rng, *((1.0, 60.0) if light else (0.02, 360.0))) * _DEG
-    depth = _between(rng, *((2.0, 100.0) if light else (0.1, 1500.0))) * _UM
+    extent = between(rng, *((1.0, 60.0) if light else (0.02, 360.0))) * _DEG
+    depth = between(rng, *((2.0, 100.0) if light else (0.1, 1500.0))) * _UM
     rough = None
     if rng.random() < 0.4:
-        sd = _between(rng, 0.1, 5.0) * _UM
-        rough = Rough(sd, _ROUGH_PITCH, cutoff_of(geometry.element_radius), int(rng.integers(1 << 30)))
+        sd = between(rng, 0.1, 5.0) * _UM
+        rough = Rough(sd, ROUGH_PITCH, cutoff_of(geometry.element_radius), int(rng.integers(1 << 30)))
     scene = OracleScene(
         speed=speed,
         load=load,

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from tests.oracles.periodic.kernel import ON_ENTRY, ON_EXIT, ON_FLOOR, ON_RACE, PAST_REACH
-from tests.oracles.periodic.rig import OracleScene, Rough
+from reference.periodic.kernel import ON_ENTRY, ON_EXIT, ON_FLOOR, ON_RACE, PAST_REACH
+from reference.periodic.rig import OracleScene, Rough
 
 _SCAN = 20001
 

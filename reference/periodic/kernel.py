@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numba
 import numpy as np
 
-from tests.oracles.periodic.tableau import ERROR_3, ERROR_5, STAGES, A, B, C
+from reference.periodic.tableau import ERROR_3, ERROR_5, STAGES, A, B, C
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

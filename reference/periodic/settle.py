@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.oracles.periodic import kernel
-from tests.oracles.periodic.path import intervals, pieces_of
-from tests.oracles.periodic.rig import OracleScene
+from reference.periodic import kernel
+from reference.periodic.path import intervals, pieces_of
+from reference.periodic.rig import OracleScene
 
 TOLERANCE = 1e-9
 # Two halves of a window whose levels differ by less are the same level.
@@ -91,6 +91,8 @@ class Problem:
 
     def __init__(self, scene: OracleScene) -> None:
         """Find the kinks of the path and the static equilibrium."""
+        if scene.more or scene.waves:
+            raise ValueError("the oracle takes one defect and no waves")
         self.scene = scene
         pieces = pieces_of(scene)
         self.rough = pieces.rough

@@ -58,11 +58,31 @@ class Parameters:
 
 
 @dataclass(frozen=True)
+class Pit:
+    """One defect of the outer race: extent, rad, depth, m, angle of its centre from the load, rad, and damaged rows."""
+
+    extent: float
+    depth: float
+    position: float
+    rows: int
+
+
+@dataclass(frozen=True)
+class Wave:
+    """One wave of the outer race, which recedes by amplitude * cos(order * phi + phase): m, waves around it, rad."""
+
+    amplitude: float
+    order: int
+    phase: float
+
+
+@dataclass(frozen=True)
 class OracleScene:
     """One scene, SI units: shaft speed in Hz, extent and position (of the defect's centre from the load) in rad.
 
-    ``rows`` is the number of damaged rows, from the first on; none is a healthy bearing. ``beyond``: the highest
-    resonance exceeds what an engine must take.
+    ``rows`` is the number of damaged rows, from the first on; none is a healthy bearing. ``more``: further defects,
+    apart from the first and each other; all have the floor of the first. ``beyond``: the highest resonance exceeds what
+    an engine must take.
     """
 
     speed: float
@@ -77,9 +97,18 @@ class OracleScene:
     position: float = 0.0
     kind: str = "any"
     beyond: bool = False
+    more: tuple[Pit, ...] = ()
+    waves: tuple[Wave, ...] = ()
+
+    @property
+    def pits(self) -> tuple[Pit, ...]:
+        """The defects that move an element."""
+        first = Pit(self.extent, self.depth, self.position, self.rows)
+        return tuple(p for p in (first, *self.more) if p.rows > 0 and p.extent > 0.0 and p.depth > 0.0)
 
     @property
     def exponent(self) -> float:
+        """Exponent of the contact force."""
         return BALL_EXPONENT if self.geometry.element == "ball" else ROLLER_EXPONENT
 
     @property
@@ -161,8 +190,8 @@ class OracleScene:
         return math.sqrt(highest) / (2.0 * math.pi)
 
     def as_dict(self) -> dict[str, object]:
-        """Return the fields as plain numbers, for JSON."""
-        return asdict(self)
+        """Return the fields as plain numbers, for JSON; ``more`` and ``waves`` where there are any."""
+        return {name: value for name, value in asdict(self).items() if name not in ("more", "waves") or value}
 
     def key(self) -> str:
         """Return a digest of all fields, by which stored results are found again."""
@@ -186,4 +215,6 @@ def from_dict(fields: dict[str, Any]) -> OracleScene:
     values["geometry"] = Geometry(**values["geometry"])
     values["parameters"] = Parameters(**values["parameters"])
     values["rough"] = None if values["rough"] is None else Rough(**values["rough"])
+    values["more"] = tuple(Pit(**pit) for pit in values.get("more", ()))
+    values["waves"] = tuple(Wave(**wave) for wave in values.get("waves", ()))
     return OracleScene(**values)
