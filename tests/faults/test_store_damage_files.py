@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -43,3 +46,23 @@ def test_files_that_the_store_no_longer_knows_are_read_again_and_counted_once(tm
     kept = [item.content_hash for item in found]
     assert len(set(kept)) == len(kept) == 14
     assert {item.content_hash for item in before} <= set(kept)
+
+
+@pytest.mark.parametrize("torn", [b"", bytes(512)], ids=["whole", "torn"])
+def test_a_store_that_was_being_made_is_rolled_back_and_not_damaged(tmp_path: Path, torn: bytes) -> None:
+    """Its journal is durable before its first page is written."""
+    making, path = tmp_path / "making.db", tmp_path / "state.db"
+    with closing(sqlite3.connect(making, isolation_level=None)) as connection:
+        connection.execute("PRAGMA cache_size = 1")
+        connection.execute("BEGIN IMMEDIATE")
+        for number in range(200):
+            connection.execute(f"CREATE TABLE t{number} (a, b)")
+        for suffix in ("", "-journal"):
+            shutil.copyfile(f"{making}{suffix}", f"{path}{suffix}")
+    path.write_bytes(torn + path.read_bytes()[len(torn) :])
+    assert path.stat().st_size > 4096
+    store, report = open_or_salvage(path, machine="m")
+    with store:
+        assert report is None
+        assert list(store.records()) == []
+    assert not list(tmp_path.glob("*.corrupt-*"))

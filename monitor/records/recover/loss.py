@@ -47,6 +47,7 @@ def find_loss(path: Path, machine: str, records_dir: Path | None, beat: Beat) ->
     """Return what a store lost, or None; :meth:`Store.open` refuses the database of another program."""
     if path.is_dir():
         return None
+    _roll_back(path)
     files = () if records_dir is None else tuple(published_files(records_dir, machine))
 
     def all_days() -> tuple[Path, ...]:
@@ -66,6 +67,19 @@ def find_loss(path: Path, machine: str, records_dir: Path | None, beat: Beat) ->
     return _find_older(path, machine, records_dir, files, beat)
 
 
+def _roll_back(path: Path) -> None:
+    """Undo what was not committed before a crash: of a store that was being made, the journal alone is whole."""
+    journal = path.with_name(f"{path.name}-journal")
+    if not journal.exists() or not path.exists():
+        return
+    try:
+        with closing(opened(path, "rw")) as connection:
+            connection.execute("SELECT count(*) FROM sqlite_master")
+    except sqlite3.DatabaseError as error:
+        if not _says_damage(error):
+            raise
+
+
 def damage_of(path: Path, machine: str, records_dir: Path | None = None) -> str | None:
     """Return the damage of a store, or None; another program's database, or none at all, is not damaged.
 
@@ -82,9 +96,7 @@ def damage_of(path: Path, machine: str, records_dir: Path | None = None) -> str 
         beside = _is_logged(path) or (records_dir is not None and published_files(records_dir, machine))
         return _HEADLESS if beside or _is_ours(path) else None
     try:
-        # A process killed while it made the tables leaves a journal, which only a writer can roll back.
-        mode = "rw" if path.with_name(f"{path.name}-journal").exists() else "ro"
-        with closing(opened(path, mode)) as connection:
+        with closing(opened(path, "ro")) as connection:
             return _found_wrong(connection, path, machine)
     except UnicodeDecodeError as error:
         return str(error)
