@@ -50,6 +50,10 @@ class FullError(SpallwatchError):
     """A connection is not taken; the message says why."""
 
 
+class OftenError(FullError):
+    """A client connects too often; later, the connection may be taken."""
+
+
 class Door(Generic[Connection]):
     """The open connections of a listener by client; used in one thread.
 
@@ -84,12 +88,12 @@ class Door(Generic[Connection]):
         Of those that are as idle, the one of the client with the most connections goes first.
 
         Raises:
-            FullError: none of them is to be ended, or clients connect too often.
+            FullError: none of them is to be ended.
+            OftenError: clients connect too often; it is not counted as refused yet.
         """
         client = client_of(address)
         if self._visits is not None and not self._visits.admit(client):
-            self.refused["rate"] += 1
-            raise FullError("connects too often")
+            raise OftenError("connects too often")
         full = self._counts[client] >= self.per_client
         if not full and len(self._client) < self.in_all:
             return None

@@ -15,7 +15,7 @@ from typing import Any
 
 from models.platform.supervision import OwnedThread
 from streams.link.arrivals import Ticket
-from streams.link.front import Bucket, Cause, Door, FullError, Guesses, Visits, client_of
+from streams.link.front import Bucket, Cause, Door, FullError, Guesses, OftenError, Visits, client_of
 from streams.link.listening import Place, Waker, bound, is_loopback, place_of
 from streams.link.peer import NONCE_BYTES, ClosedError, Peer, Phase, is_proof, load_keys, prepare, receiver_context
 from streams.link.receiver import Receiver
@@ -225,6 +225,7 @@ class TcpReceiver(Receiver):
                 self._drop(idlest, "replaced by a newer connection", "replaced")
             connection = prepare(connection, self._tls)
         except (FullError, OSError) as error:
+            self._door.refused["rate"] += isinstance(error, OftenError)
             self._refused(f"{address}: {error}")
             connection.close()
             return

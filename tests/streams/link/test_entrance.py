@@ -1,4 +1,4 @@
-"""How the servers accept: a client that comes too often is refused before it costs anything, another one is not."""
+"""How the servers accept: a client that comes too often waits or is refused, another one is not."""
 
 from __future__ import annotations
 
@@ -64,6 +64,7 @@ async def answer(port: int, address: str, context: ssl.SSLContext | None = None)
 
 def test_a_flood_of_one_client_leaves_room_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(room, "CONNECTIONS_PER_S", 5.0)
+    monkeypatch.setattr(room, "WAITING", 5)
     found = door()
 
     async def act() -> int:
@@ -76,6 +77,22 @@ def test_a_flood_of_one_client_leaves_room_for_another(monkeypatch: pytest.Monke
 
     refused = asyncio.run(act())
     assert found.counts()["refused"]["rate"] == refused > 0
+
+
+def test_a_crowd_behind_one_address_has_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(room, "CONNECTIONS_PER_S", 20.0)
+    found = door()
+
+    async def act() -> None:
+        async with entered(found) as port:
+            began = time.monotonic()
+            crowd = await asyncio.gather(*(answer(port, "127.0.0.9") for _ in range(80)))
+            assert crowd == [b"!"] * 80
+            # The first forty come at once, the others at their rate.
+            assert time.monotonic() - began > 1.5
+
+    asyncio.run(act())
+    assert not any(found.counts()["refused"].values())
 
 
 @pytest.mark.process
