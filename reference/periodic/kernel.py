@@ -1,27 +1,26 @@
-"""Compiled right-hand side and DOP853 over one ball period of the six-degree-of-freedom model, balls or rollers.
+"""Compiled right-hand side of the six-degree-of-freedom model, balls or rollers, several defects, waves of the race.
 
 Axis 1 points from the centre to the loaded zone, axis 2 across it; theta is the cage angle since the period began. The
 state y (12) holds, for both axes each, u: inner ring less outer ring, o: outer ring, e: resonator less outer ring, as
 deviations from the static equilibrium, m, and then their velocities, m/s.
 
-With n = (cos, sin) of an element's angle, U the true relative displacement and V its velocity,
+With n = (cos, sin) of an element's angle phi, U the true relative displacement and V its velocity,
 
     delta = U.n - d - h,    delta' = V.n + U.n' - omega_c d'(phi),    f = k_c delta^m + c delta',  delta > 0,
     c = alpha_c m_b + beta_c k_c delta^(m - 1),
 
 with m = 3/2 for balls and 10/9 for rollers. Eqs. 38 and 39 define c by the secant stiffness f_c / delta, without the
-factor m of the tangent stiffness; rollers take the same rule with their own exponent.
+factor m of the tangent stiffness; rollers take the same rule with their own exponent. The path d is that of a defect
+plus that of the waves of the race, each of which recedes by a cos(alpha) cos(order phi + phase).
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numba
 import numpy as np
-
-from reference.periodic.tableau import ERROR_3, ERROR_5, STAGES, A, B, C
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -49,22 +48,50 @@ if TYPE_CHECKING:
     P_RACE,
     P_ELEMENT,  # radius of the rolling element, m
     P_COSINE,
-    P_HALF,
-    P_DEPTH,
-    P_POSITION,
-    P_ROUGHNESS,
-    P_SPACING,
-) = range(24)
-PARAMETERS = 24
+    P_SPACING,  # of the pieces of the rough profile, rad
+) = range(20)
+PARAMETERS = 20
 
-# What an element does in an interval (``code``).
+# Places in a row of ``pits``: half the extent, rad, depth, m, centre, rad, and factor on the rough profile.
+PIT_HALF, PIT_DEPTH, PIT_POSITION, PIT_ROUGHNESS = range(4)
+# Places in a row of ``waves``: amplitude along the contact, m, waves around the race, and phase, rad.
+WAVE_AMPLITUDE, WAVE_ORDER, WAVE_PHASE = range(3)
+
+# What an element does in an interval: its ``code`` is BRANCHES times the number of its pit, plus one of these.
 ON_RACE, ON_ENTRY, ON_EXIT, ON_FLOOR, PAST_REACH = range(5)
+BRANCHES = 5
 
-# Quadratures over the period: square of a_o, work put in, work of damping, and a_o by cosine and sine of six lines.
-LINES = 6
-SUMS = 3 + 2 * LINES
-NO_ERROR, TOO_MANY_STEPS, NOT_FINITE = range(3)
-SAFETY, SHRINK, GROW, EVENT_CARE = 0.9, 0.333, 6.0, 100.0
+
+class Model(NamedTuple):
+    """One scene in arrays.
+
+    Attributes:
+        p: see the P_ constants, (PARAMETERS,).
+        directions: cosine, sine and angle, rad, of each element at cage angle zero, (elements, 3).
+        pits: see the PIT_ constants, (defects, 4).
+        waves: see the WAVE_ constants, (waves, 3).
+        rough: cubic pieces of the rough profile, lowest power first, (pieces, 4); none where the floors are smooth.
+    """
+
+    p: Floats
+    directions: Floats
+    pits: Floats
+    waves: Floats
+    rough: Floats
+
+
+class Piece(NamedTuple):
+    """An interval of cage angles in which the path of every element is smooth.
+
+    Attributes:
+        place: a cage angle within it, rad.
+        code: of each element, (elements,).
+        middle: angle of each element from the centre of its defect where the cage angle is ``place``, rad.
+    """
+
+    place: float
+    code: NDArray[np.int8]
+    middle: Floats
 
 
 @numba.njit(cache=True)
@@ -77,34 +104,35 @@ def edge_depth(b: float, race: float, element: float) -> tuple[float, float]:
 
 
 @numba.njit(cache=True)
-def floor_depth(x: float, p: Floats, rough: Floats) -> tuple[float, float]:
-    """Return depth, m, and slope, m/rad, of the floor at an angle of the race.
-
-    ``rough`` (pieces, 4) holds the cubic pieces of the rough profile, lowest power first.
-    """
+def floor_depth(x: float, pit: int, model: Model) -> tuple[float, float]:
+    """Return depth, m, and slope, m/rad, of the floor of a defect at an angle of the race."""
+    rough, spacing = model.rough, model.p[P_SPACING]
+    depth, roughness = model.pits[pit, PIT_DEPTH], model.pits[pit, PIT_ROUGHNESS]
     pieces = rough.shape[0]
     if pieces == 0:
-        return p[P_DEPTH], 0.0
-    place = x / p[P_SPACING]
+        return depth, 0.0
+    place = x / spacing
     k = math.floor(place)
-    t = (place - k) * p[P_SPACING]
+    t = (place - k) * spacing
     k = int(k) % pieces
     height = rough[k, 0] + t * (rough[k, 1] + t * (rough[k, 2] + t * rough[k, 3]))
     slope = rough[k, 1] + t * (2.0 * rough[k, 2] + t * 3.0 * rough[k, 3])
-    return p[P_DEPTH] + p[P_ROUGHNESS] * height, p[P_ROUGHNESS] * slope
+    return depth + roughness * height, roughness * slope
 
 
 @numba.njit(cache=True)
-def path_at(code: int, x: float, p: Floats, rough: Floats) -> tuple[float, float]:
-    """Return d, m, and d', m/rad, at an angle x from the defect's centre, on the branch that ``code`` names."""
-    if code == ON_FLOOR:
-        d, slope = floor_depth(x + p[P_POSITION], p, rough)
-    elif code == ON_ENTRY:
-        d, slope = edge_depth(x + p[P_HALF], p[P_RACE], p[P_ELEMENT])
-    elif code == ON_EXIT:
-        d, slope = edge_depth(p[P_HALF] - x, p[P_RACE], p[P_ELEMENT])
+def path_at(code: int, x: float, model: Model) -> tuple[float, float]:
+    """Return d, m, and d', m/rad, at an angle x from the centre of a defect, on the branch that ``code`` names."""
+    p = model.p
+    pit, branch = code // BRANCHES, code % BRANCHES
+    if branch == ON_FLOOR:
+        d, slope = floor_depth(x + model.pits[pit, PIT_POSITION], pit, model)
+    elif branch == ON_ENTRY:
+        d, slope = edge_depth(x + model.pits[pit, PIT_HALF], p[P_RACE], p[P_ELEMENT])
+    elif branch == ON_EXIT:
+        d, slope = edge_depth(model.pits[pit, PIT_HALF] - x, p[P_RACE], p[P_ELEMENT])
         slope = -slope
-    elif code == PAST_REACH:
+    elif branch == PAST_REACH:
         d, slope = edge_depth(math.asin(p[P_ELEMENT] / p[P_RACE]), p[P_RACE], p[P_ELEMENT])[0], 0.0
     else:
         d, slope = 0.0, 0.0
@@ -112,43 +140,68 @@ def path_at(code: int, x: float, p: Floats, rough: Floats) -> tuple[float, float
 
 
 @numba.njit(cache=True)
-def derivative(
-    theta: float,
-    y: Floats,
-    dy: Floats,
-    place: float,
-    code: NDArray[np.int8],
-    middle: Floats,
-    directions: Floats,
-    p: Floats,
-    rough: Floats,
-) -> tuple[float, float, float, int]:
-    """Write dy/dt; return a_o along the load, m/s2, the powers put in and lost, W, and a bit per element in contact.
+def waves_at(phi: float, waves: Floats) -> tuple[float, float]:
+    """Return by how much the race recedes at an angle from the load, m, and the slope of that, m/rad."""
+    d, slope = 0.0, 0.0
+    for w in range(waves.shape[0]):
+        turn = waves[w, WAVE_ORDER] * phi + waves[w, WAVE_PHASE]
+        d += waves[w, WAVE_AMPLITUDE] * math.cos(turn)
+        slope -= waves[w, WAVE_AMPLITUDE] * waves[w, WAVE_ORDER] * math.sin(turn)
+    return d, slope
 
-    ``code`` and ``middle`` (elements): branch of each element's path, and its angle from the defect's centre where the
-    cage angle is ``place``. ``directions`` (elements, 2): cosine and sine at cage angle zero.
+
+@numba.njit(cache=True)
+def gap_of(
+    j: int, theta: float, c: float, s: float, y: Floats, piece: Piece, model: Model, lazy: bool
+) -> tuple[float, float, float, float, float]:
+    """Return direction (two components), delta, m, delta', m/s, and slope of the path, m/rad, of an element.
+
+    ``c`` and ``s``: cosine and sine of the cage angle. ``lazy`` leaves out what does not matter without contact: a
+    defect takes away from delta only.
     """
-    c, s = math.cos(theta), math.sin(theta)
-    omega = p[P_OMEGA]
+    p, directions = model.p, model.directions
+    n1 = c * directions[j, 0] - s * directions[j, 1]
+    n2 = s * directions[j, 0] + c * directions[j, 1]
     u1, u2 = p[P_APPROACH] + y[0], y[1]
-    w1, w2 = y[6] + omega * u2, y[7] - omega * u1
-    exponent = p[P_EXPONENT] - 1.0
+    delta, slope = u1 * n1 + u2 * n2 - p[P_CLEARANCE], 0.0
+    if model.waves.shape[0] > 0:
+        d, slope = waves_at(theta + directions[j, 2], model.waves)
+        delta -= d
+    if lazy and delta <= 0.0:
+        return n1, n2, delta, 0.0, slope
+    code = piece.code[j]
+    if code % BRANCHES != ON_RACE:
+        d, more = path_at(code, piece.middle[j] + (theta - piece.place), model)
+        delta -= d
+        slope += more
+    omega = p[P_OMEGA]
+    rate = (y[6] + omega * u2) * n1 + (y[7] - omega * u1) * n2 - omega * slope
+    return n1, n2, delta, rate, slope
+
+
+@numba.njit(cache=True)
+def gaps(theta: float, y: Floats, piece: Piece, model: Model, found: Floats) -> None:
+    """Write delta, m, and delta', m/s, of every element to ``found``, (elements, 2)."""
+    c, s = math.cos(theta), math.sin(theta)
+    for j in range(model.directions.shape[0]):
+        _, _, delta, rate, _ = gap_of(j, theta, c, s, y, piece, model, False)
+        found[j, 0], found[j, 1] = delta, rate
+
+
+@numba.njit(cache=True)
+def derivative(theta: float, y: Floats, dy: Floats, piece: Piece, model: Model) -> tuple[float, float, float, int]:
+    """Write dy/dt; return a_o along the load, m/s2, the powers put in and lost, W, and a bit per element in contact."""
+    p = model.p
+    c, s = math.cos(theta), math.sin(theta)
+    omega, exponent = p[P_OMEGA], p[P_EXPONENT] - 1.0
+    u1, u2 = p[P_APPROACH] + y[0], y[1]
     f1, f2, driven, lost, touching = -p[P_LOAD], 0.0, 0.0, 0.0, 0
-    for j in range(directions.shape[0]):
-        n1 = c * directions[j, 0] - s * directions[j, 1]
-        n2 = s * directions[j, 0] + c * directions[j, 1]
-        delta = u1 * n1 + u2 * n2 - p[P_CLEARANCE]
+    for j in range(model.directions.shape[0]):
+        n1, n2, delta, rate, slope = gap_of(j, theta, c, s, y, piece, model, True)
         if delta <= 0.0:
             continue
-        slope = 0.0
-        if code[j] != ON_RACE:
-            d, slope = path_at(code[j], middle[j] + (theta - place), p, rough)
-            delta -= d
-            if delta <= 0.0:
-                continue
         touching |= 1 << j
         power = math.sqrt(delta) if exponent == 0.5 else delta**exponent
-        rate = w1 * n1 + w2 * n2 - omega * slope
         damping = (p[P_DAMPING] + p[P_BETA] * power) * rate
         force = p[P_K_C] * power * delta + damping
         f1 += force * n1
@@ -166,183 +219,3 @@ def derivative(
         dy[6 + axis], dy[8 + axis], dy[10 + axis] = inner - outer, outer, -pull / p[P_M_R] - outer
         lost += p[P_C_I] * v_i * v_i + p[P_C_R] * v_e * v_e
     return dy[8], driven, lost, touching
-
-
-@numba.njit(cache=True)
-def add_sums(
-    sums: Floats, weight: float, theta: float, lines_per_rad: float, a: float, driven: float, lost: float
-) -> None:
-    """Add one node of the quadratures."""
-    sums[0] += weight * a * a
-    sums[1] += weight * driven
-    sums[2] += weight * lost
-    c1, s1 = math.cos(lines_per_rad * theta), math.sin(lines_per_rad * theta)
-    c, s = c1, s1
-    for k in range(LINES):
-        sums[3 + 2 * k] += weight * a * c
-        sums[4 + 2 * k] += weight * a * s
-        c, s = c * c1 - s * s1, s * c1 + c * s1
-
-
-@numba.njit(cache=True)
-def crest(times: Floats, values: Floats) -> float:
-    """Return the extreme value, without sign, of the parabola through three values, where it lies between them."""
-    largest = max(abs(values[0]), abs(values[1]), abs(values[2]))
-    left, right = times[1] - times[0], times[2] - times[1]
-    if left <= 0.0 or right <= 0.0:
-        return largest
-    before, after = (values[1] - values[0]) / left, (values[2] - values[1]) / right
-    curvature = (after - before) / (left + right)
-    slope = (before * right + after * left) / (left + right)
-    if curvature == 0.0 or before * after >= 0.0:
-        return largest
-    return max(largest, abs(values[1] - 0.25 * slope * slope / curvature))
-
-
-@numba.njit(cache=True)
-def push(times: Floats, values: Floats, t: float, value: float, seen: int) -> int:
-    """Keep the last three values and times; return how many there are now."""
-    times[0], times[1], times[2] = times[1], times[2], t
-    values[0], values[1], values[2] = values[1], values[2], value
-    return min(seen + 1, 3)
-
-
-@numba.njit(cache=True)
-def attempt(
-    theta: float,
-    h: float,
-    y: Floats,
-    trial: Floats,
-    nodes: Floats,
-    scale: Floats,
-    place: float,
-    code: NDArray[np.int8],
-    middle: Floats,
-    directions: Floats,
-    p: Floats,
-    rough: Floats,
-) -> float:
-    """Write the state a step of h s later to ``trial`` and the stages' values of the sums to ``nodes`` (STAGES, 3).
-
-    Return the estimated error of the step in units of ``scale`` (Hairer's combination of orders 5 and 3), times
-    EVENT_CARE where a contact opens or closes within the step: the force is not smooth there, and the estimate with it.
-    """
-    k, stage = np.empty((STAGES, 12)), np.empty(12)
-    before, care = 0, 1.0
-    for i in range(STAGES):
-        for m in range(12):
-            stage[m] = y[m]
-        for j in range(i):
-            factor = h * A[i, j]
-            if factor != 0.0:
-                for m in range(12):
-                    stage[m] += factor * k[j, m]
-        where = theta + p[P_OMEGA] * C[i] * h
-        a, driven, lost, touching = derivative(where, stage, k[i], place, code, middle, directions, p, rough)
-        nodes[i, 0], nodes[i, 1], nodes[i, 2] = a, driven, lost
-        if i > 0 and touching != before:
-            care = EVENT_CARE
-        before = touching
-    fifth, third = 0.0, 0.0
-    for m in range(12):
-        total, e5, e3 = 0.0, 0.0, 0.0
-        for i in range(STAGES):
-            total += B[i] * k[i, m]
-            e5 += ERROR_5[i] * k[i, m]
-            e3 += ERROR_3[i] * k[i, m]
-        trial[m] = y[m] + h * total
-        fifth += (e5 / scale[m // 2]) ** 2
-        third += (e3 / scale[m // 2]) ** 2
-    e5, e3 = 0.0, 0.0
-    for i in range(STAGES):
-        e5 += ERROR_5[i] * nodes[i, 0] ** 2
-        e3 += ERROR_3[i] * nodes[i, 0] ** 2
-    fifth += (e5 / scale[6]) ** 2
-    third += (e3 / scale[6]) ** 2
-    norm = math.sqrt(13.0 * (fifth + 0.01 * third))
-    return care * h * fifth / norm if norm > 0.0 else 0.0
-
-
-@numba.njit(cache=True)
-def fitted(h: float, left: float) -> tuple[float, bool]:
-    """Return the step to try where ``left`` s remain of an interval, and whether it ends there."""
-    if h >= 0.999 * left:
-        return left, True
-    return (0.5 * left if h > 0.55 * left else h), False
-
-
-@numba.njit(cache=True)
-def accept(
-    y: Floats, trial: Floats, nodes: Floats, theta: float, h: float, p: Floats, sums: Floats, largest: Floats
-) -> None:
-    """Take a step of h s: add its share to ``sums``, write the new state to ``y``, and keep the largest values."""
-    lines_per_rad = 2.0 * math.pi / p[P_PITCH]
-    for i in range(STAGES):
-        if B[i] != 0.0:
-            where = theta + p[P_OMEGA] * C[i] * h
-            add_sums(sums, B[i] * h, where, lines_per_rad, nodes[i, 0], nodes[i, 1], nodes[i, 2])
-    for m in range(12):
-        y[m] = trial[m]
-        largest[m // 2] = max(largest[m // 2], abs(trial[m]))
-
-
-@numba.njit(cache=True)
-def ball_period(
-    y: Floats,
-    begin: float,
-    tolerance: float,
-    scale: Floats,
-    bounds: Floats,
-    codes: NDArray[np.int8],
-    middles: Floats,
-    directions: Floats,
-    p: Floats,
-    rough: Floats,
-    most: int,
-    sums: Floats,
-    largest: Floats,
-) -> tuple[int, int, float, float]:
-    """Carry ``y`` over one ball period with DOP853; steps end at ``bounds`` (intervals + 1), rad of cage angle.
-
-    ``begin`` is the first step tried, s; ``scale`` (7) the sizes to which ``tolerance`` refers: of u, o, e, of their
-    velocities, and of the first of ``sums``. ``sums`` (SUMS) and ``largest`` (6, largest absolute values of the groups
-    of the state) are written. Return a status, the steps tried, the next step, s, and the largest absolute a_o, m/s2.
-    """
-    omega = p[P_OMEGA]
-    trial, nodes, dy = np.empty(12), np.empty((STAGES, 3)), np.empty(12)
-    times, values = np.zeros(3), np.zeros(3)
-    h, steps, peak = begin, 0, 0.0
-    sums[:] = 0.0
-    largest[:] = 0.0
-    for interval in range(bounds.shape[0] - 1):
-        code, middle = codes[interval], middles[interval]
-        place = 0.5 * (bounds[interval] + bounds[interval + 1])
-        span = (bounds[interval + 1] - bounds[interval]) / omega
-        t, seen, growth = 0.0, 0, GROW
-        while t < span:
-            whole = h
-            h, last = fitted(h, span - t)
-            steps += 1
-            if steps > most:
-                return TOO_MANY_STEPS, steps, h, peak
-            theta = bounds[interval] + omega * t
-            error = attempt(theta, h, y, trial, nodes, scale, place, code, middle, directions, p, rough) / tolerance
-            if not error <= 1.0:
-                h *= max(SHRINK, SAFETY * error**-0.125) if math.isfinite(error) else 0.1
-                growth = 1.0
-                if h < 1e-20:
-                    return NOT_FINITE, steps, h, peak
-                continue
-            accept(y, trial, nodes, theta, h, p, sums, largest)
-            seen = push(times, values, t, nodes[0, 0], seen)
-            peak = max(peak, crest(times, values) if seen > 2 else abs(nodes[0, 0]))
-            t = span if last else t + h
-            h *= min(growth, SAFETY * error**-0.125) if error > 0.0 else growth
-            growth = GROW
-            if last:
-                # A step that the end of an interval cut short says little about the next one.
-                h = max(whole, h)
-        a, _, _, _ = derivative(bounds[interval + 1], y, dy, place, code, middle, directions, p, rough)
-        seen = push(times, values, span, a, seen)
-        peak = max(peak, crest(times, values) if seen > 2 else abs(a))
-    return NO_ERROR, steps, h, peak

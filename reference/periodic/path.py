@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from reference.periodic.kernel import ON_ENTRY, ON_EXIT, ON_FLOOR, ON_RACE, PAST_REACH
-from reference.periodic.rig import OracleScene, Rough
+from reference.periodic.kernel import BRANCHES, ON_ENTRY, ON_EXIT, ON_FLOOR, ON_RACE, PAST_REACH
+from reference.periodic.rig import OracleScene, Pit, Rough
 
 _SCAN = 20001
 
@@ -45,31 +45,41 @@ def cutoff_of(element_radius: float, roughness: float = 10e-6) -> float:
 
 @dataclass(frozen=True)
 class Pieces:
-    """Angles from the defect's centre at which the path is not smooth, ascending, and the branch between them."""
+    """Angles from a defect's centre at which the path is not smooth, ascending, and the branch between them.
 
+    ``roughness``: factor on the rough profile, 0 to 1.
+    """
+
+    pit: Pit
     marks: list[float]
     branches: list[int]
-    rough: NDArray[np.float64]
     roughness: float
 
     def branch(self, angle: float) -> tuple[int, float]:
         """Return the branch at an angle of the race, and the angle reduced to -pi to pi from the centre."""
-        x = math.remainder(angle, 2.0 * math.pi)
+        x = math.remainder(angle - self.pit.position, 2.0 * math.pi)
         for (a, b), branch in zip(pairwise(self.marks), self.branches, strict=True):
             if a < x < b:
                 return branch, x
         return ON_RACE, x
 
 
-def pieces_of(scene: OracleScene) -> Pieces:
-    """Return the pieces of a scene's path; none without a defect."""
-    g, rough, roughness = scene.geometry, np.empty((0, 4)), 0.0
-    if scene.rows == 0 or scene.extent == 0.0 or scene.depth == 0.0:
-        return Pieces([], [], rough, 0.0)
-    if scene.rough is not None:
-        rough, lowest = rough_profile(scene.rough, g.outer_race_radius)
-        roughness = min(1.0, scene.depth / lowest)
-    half, reach = 0.5 * scene.extent, math.asin(g.element_radius / g.outer_race_radius)
+def profile_of(scene: OracleScene) -> tuple[NDArray[np.float64], float]:
+    """Return the rough profile of a scene's race as ``rough_profile`` does; without pieces where floors are smooth."""
+    if scene.rough is None or not scene.pits:
+        return np.empty((0, 4)), 1.0
+    return rough_profile(scene.rough, scene.geometry.outer_race_radius)
+
+
+def pieces_of(scene: OracleScene) -> list[Pieces]:
+    """Return the pieces of the path over each defect of a scene."""
+    rough, lowest = profile_of(scene)
+    return [_pieces(scene, pit, rough, min(1.0, pit.depth / lowest) if len(rough) else 0.0) for pit in scene.pits]
+
+
+def _pieces(scene: OracleScene, pit: Pit, rough: NDArray[np.float64], roughness: float) -> Pieces:
+    g = scene.geometry
+    half, reach = 0.5 * pit.extent, math.asin(g.element_radius / g.outer_race_radius)
 
     def gap(x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return edge path (Eq. 51) less floor, m, at angles from the centre."""
@@ -77,7 +87,7 @@ def pieces_of(scene: OracleScene) -> Pieces:
         root = np.sqrt(np.maximum(g.element_radius**2 - (g.outer_race_radius * np.sin(b)) ** 2, 0.0))
         across = (g.outer_race_radius * np.sin(b)) ** 2
         edge = across / (g.element_radius + root) - 2.0 * g.outer_race_radius * np.sin(0.5 * b) ** 2
-        return edge - scene.depth - (_heights(x + scene.position, rough) * roughness if len(rough) else 0.0)
+        return edge - pit.depth - (_heights(x + pit.position, rough) * roughness if len(rough) else 0.0)
 
     marks = {-half, half, 0.0}
     marks.update(mark for mark in (reach - half, half - reach) if abs(mark) < half and reach < half)
@@ -97,7 +107,7 @@ def pieces_of(scene: OracleScene) -> Pieces:
             branches.append(PAST_REACH)
         else:
             branches.append(ON_ENTRY if middle < 0.0 else ON_EXIT)
-    return Pieces(ordered, branches, rough, roughness)
+    return Pieces(pit, ordered, branches, roughness)
 
 
 def _heights(angle: NDArray[np.float64], rough: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -116,40 +126,43 @@ def _bisect(function: Callable[[NDArray[np.float64]], NDArray[np.float64]], low:
     return float(0.5 * (low + high))
 
 
-def intervals(scene: OracleScene, pieces: Pieces) -> tuple[NDArray[np.float64], NDArray[np.int8], NDArray[np.float64]]:
+def intervals(
+    scene: OracleScene, paths: list[Pieces]
+) -> tuple[NDArray[np.float64], NDArray[np.int8], NDArray[np.float64]]:
     """Return the kernel's ``bounds`` (intervals + 1), ``codes`` and ``middles`` (intervals, elements).
 
-    The bounds are the cage angles at which a damaged row's element meets a mark of the path, and those at which one on
-    the floor meets a joint of the rough profile (where only the third derivative jumps).
+    The bounds are the cage angles at which an element of a damaged row meets a mark of a path, and those at which one
+    on a rough floor meets a joint of the profile (where only the third derivative jumps).
     """
-    starts, damaged = scene.angles, scene.rows * scene.geometry.n_elements
+    starts, count = scene.angles, scene.geometry.n_elements
     found = {0.0, scene.pitch}
-    for row in range(scene.rows):
-        start = starts[row * scene.geometry.n_elements]
-        found.update((mark + scene.position - start) % scene.pitch for mark in pieces.marks)
-    found.update(_joints(scene, pieces, starts))
+    for path in paths:
+        for row in range(path.pit.rows):
+            found.update((mark + path.pit.position - starts[row * count]) % scene.pitch for mark in path.marks)
+        if path.roughness > 0.0:
+            found.update(_joints(scene, path, starts))
     ordered = np.array(sorted(found))
     bounds = ordered[np.concatenate(([True], np.diff(ordered) > 1e-11))]
     bounds[-1] = scene.pitch
     codes = np.zeros((len(bounds) - 1, len(starts)), dtype=np.int8)
     middles = np.zeros(codes.shape)
-    for i, (a, b) in enumerate(pairwise(bounds)):
-        for j in range(damaged):
-            codes[i, j], middles[i, j] = pieces.branch(starts[j] + 0.5 * (a + b) - scene.position)
+    for number, path in enumerate(paths):
+        for i, (a, b) in enumerate(pairwise(bounds)):
+            for j in range(path.pit.rows * count):
+                branch, x = path.branch(starts[j] + 0.5 * (a + b))
+                if branch != ON_RACE:
+                    codes[i, j], middles[i, j] = number * BRANCHES + branch, x
     return bounds, codes, middles
 
 
-def _joints(scene: OracleScene, pieces: Pieces, starts: NDArray[np.float64]) -> list[float]:
+def _joints(scene: OracleScene, path: Pieces, starts: NDArray[np.float64]) -> list[float]:
     """Return the cage angles at which an element that the load can press meets a joint of the rough floor."""
-    if len(pieces.rough) == 0:
-        return []
-    spacing = 2.0 * math.pi / len(pieces.rough)
+    spacing = 2.0 * math.pi / len(profile_of(scene)[0])
     found = []
-    for start in starts[: scene.rows * scene.geometry.n_elements]:
+    for start in starts[: path.pit.rows * scene.geometry.n_elements]:
         first = math.ceil(start / spacing)
         for k in range(first, math.floor((start + scene.pitch) / spacing) + 1):
-            x = math.remainder(k * spacing, 2.0 * math.pi)
-            on_floor = pieces.branch(x - scene.position)[0] == ON_FLOOR
-            if on_floor and abs(x) < 0.6 * math.pi:
+            on_floor = path.branch(k * spacing)[0] == ON_FLOOR
+            if on_floor and abs(math.remainder(k * spacing, 2.0 * math.pi)) < 0.6 * math.pi:
                 found.append(k * spacing - start)
     return [theta for theta in found if 0.0 < theta < scene.pitch]

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from reference.periodic import kernel
-from reference.periodic.path import intervals, pieces_of
+from reference.periodic import kernel, period
+from reference.periodic.path import intervals, pieces_of, profile_of
 from reference.periodic.rig import OracleScene
 
 TOLERANCE = 1e-9
@@ -30,15 +30,16 @@ RESTLESS = 1e-2
 
 @dataclass(frozen=True)
 class Caps:
-    """Largest number of ball periods and of steps of one run."""
+    """Largest number of ball periods, of steps and of seconds of the processor of one run."""
 
     periods: int = MOST_PERIODS
     steps: int = MOST_STEPS
+    seconds: float = math.inf
 
 
 @dataclass
 class History:
-    """One run: what every ball period gave."""
+    """One run: what every ball period gave, and the state at its end, (12,)."""
 
     power: list[float] = field(default_factory=list)
     lines: list[NDArray[np.float64]] = field(default_factory=list)
@@ -47,6 +48,9 @@ class History:
     lost: list[float] = field(default_factory=list)
     distances: list[float] = field(default_factory=list)
     widest: list[float] = field(default_factory=list)
+    instants: list[int] = field(default_factory=list)
+    grazes: list[int] = field(default_factory=list)
+    state: NDArray[np.float64] = field(default_factory=lambda: np.zeros(12))
     multiple: int = 0
     settled: bool = False
     steps: int = 0
@@ -59,15 +63,18 @@ class OracleResult:
     Attributes:
         status: "settled" (the level no longer changes), "not_periodic" (stationary mean with a standard error) or
             "unresolved" (a cap was met before either, or the state left the finite numbers).
-        rms: root of the mean power over the settled window, m/s2; ``standard_error`` that of its mean where the motion
-            does not repeat, else 0; ``spread`` the standard deviation of the RMS of single periods.
+        rms: root of the mean power over the settled window (its last period where each is like the one before), m/s2;
+            ``standard_error`` that of its mean where the motion does not repeat, else 0; ``spread`` the standard
+            deviation of the RMS of single periods.
         repeats: whether one ball period is like the next; ``multiple`` after how many periods the motion repeats, 0 if
             after none up to MULTIPLES.
         lines: single-sided amplitudes of BPFO lines 1..6 (of the mean power), m/s2.
+        instants, grazes: contacts that opened or closed in the last period, and extrema of gaps near zero.
         motion_resonance: highest resonance over the ball rate, linearised at the largest displacement of the window.
         imbalance: work put in less work of damping over the window, relative to the latter.
-        error: relative difference of the RMS to a run at a tenth of the tolerance; NaN without one, and where the
-            motion does not repeat (two runs of it are two samples of one mean).
+        error, peak_error, line_errors: differences, relative, relative and in m/s2, between this and what had settled
+            at ten times the tolerance before; NaN or empty without it, and where the motion does not repeat (two runs
+            of it are two samples of one mean).
     """
 
     status: str
@@ -83,7 +90,11 @@ class OracleResult:
     periods: int
     steps: int
     seconds: float
+    instants: int = 0
+    grazes: int = 0
     error: float = math.nan
+    peak_error: float = math.nan
+    line_errors: tuple[float, ...] = ()
 
 
 class Problem:
@@ -91,13 +102,9 @@ class Problem:
 
     def __init__(self, scene: OracleScene) -> None:
         """Find the kinks of the path and the static equilibrium."""
-        if scene.more or scene.waves:
-            raise ValueError("the oracle takes one defect and no waves")
         self.scene = scene
-        pieces = pieces_of(scene)
-        self.rough = pieces.rough
-        self.bounds, self.codes, self.middles = intervals(scene, pieces)
-        self.directions = np.stack((np.cos(scene.angles), np.sin(scene.angles)), axis=1)
+        paths, rough = pieces_of(scene), profile_of(scene)[0]
+        self.bounds, self.codes, self.middles = intervals(scene, paths)
         g, rig, p = scene.geometry, scene.parameters, np.zeros(kernel.PARAMETERS)
         p[kernel.P_M_I], p[kernel.P_M_O], p[kernel.P_M_R] = rig.m_i, rig.m_o, rig.m_r
         p[kernel.P_K_I], p[kernel.P_C_I] = rig.k_i, rig.c_i
@@ -107,11 +114,17 @@ class Problem:
         p[kernel.P_CLEARANCE], p[kernel.P_OMEGA] = scene.clearance, scene.omega_c
         p[kernel.P_LOAD], p[kernel.P_APPROACH], p[kernel.P_PITCH] = scene.load, scene.approach, scene.pitch
         p[kernel.P_RACE], p[kernel.P_ELEMENT] = g.outer_race_radius, g.element_radius
-        p[kernel.P_COSINE], p[kernel.P_HALF] = math.cos(g.contact_angle), 0.5 * scene.extent
-        p[kernel.P_DEPTH], p[kernel.P_POSITION] = scene.depth, scene.position
-        p[kernel.P_ROUGHNESS] = pieces.roughness
-        p[kernel.P_SPACING] = 2.0 * math.pi / max(1, len(self.rough))
-        self.p = p
+        p[kernel.P_COSINE] = math.cos(g.contact_angle)
+        p[kernel.P_SPACING] = 2.0 * math.pi / max(1, len(rough))
+        pits = [[0.5 * path.pit.extent, path.pit.depth, path.pit.position, path.roughness] for path in paths]
+        waves = [[w.amplitude * p[kernel.P_COSINE], w.order, w.phase] for w in scene.waves]
+        self.model = kernel.Model(
+            p=p,
+            directions=np.stack((np.cos(scene.angles), np.sin(scene.angles), scene.angles), axis=1),
+            pits=np.array(pits, dtype=float).reshape(-1, 4),
+            waves=np.array(waves, dtype=float).reshape(-1, 3),
+            rough=rough,
+        )
         rates = scene.rates()
         self.fastest = float(np.max(np.abs(rates)))
         self.slowest = float(np.min(-rates.real[-rates.real > 1e-9 * self.fastest], initial=self.fastest))
@@ -122,13 +135,13 @@ class Problem:
 
     def run(self, tolerance: float, caps: Caps, start: NDArray[np.float64] | None = None) -> History:
         """Simulate on from rest, or from a deviation from it (12), until the level settles or a cap is met."""
-        history, scale = History(), self.first_scale
+        history, scale, until = History(), self.first_scale, time.thread_time() + caps.seconds
         y = np.zeros(12) if start is None else start.copy()
-        sums, largest = np.zeros(kernel.SUMS), np.zeros(6)
+        sums, largest, counts = np.zeros(period.SUMS), np.zeros(6), np.zeros(2, dtype=np.int64)
         h = min(0.01 / self.fastest, self.scene.period)
         last: list[NDArray[np.float64]] = [y.copy()]
-        while len(history.power) < caps.periods:
-            status, steps, h, peak = kernel.ball_period(
+        while len(history.power) < caps.periods and time.thread_time() < until:
+            status, steps, h, peak = period.ball_period(
                 y,
                 h,
                 tolerance,
@@ -136,17 +149,17 @@ class Problem:
                 self.bounds,
                 self.codes,
                 self.middles,
-                self.directions,
-                self.p,
-                self.rough,
+                self.model,
                 caps.steps - history.steps,
+                history.peaks[-1] if history.peaks else math.inf,
                 sums,
                 largest,
+                counts,
             )
             history.steps += steps
-            if status != kernel.NO_ERROR:
+            if status != period.NO_ERROR:
                 break
-            self._record(history, sums, peak)
+            self._record(history, sums, peak, counts)
             history.widest.append(float(largest[0]))
             largest = np.maximum(largest, 1e-12 * self.first_scale[:6])
             size = np.repeat(largest, 2)
@@ -160,15 +173,18 @@ class Problem:
             history.settled = is_settled(history, self.scene.period * self.slowest)
             if history.settled or is_averaged(history, self.scene.period * self.slowest):
                 break
+        history.state = y
         return history
 
-    def _record(self, history: History, sums: NDArray[np.float64], peak: float) -> None:
+    def _record(self, history: History, sums: NDArray[np.float64], peak: float, counts: NDArray[np.int64]) -> None:
         duration = self.scene.period
         history.power.append(float(sums[0]) / duration)
         history.driven.append(float(sums[1]))
         history.lost.append(float(sums[2]))
         history.lines.append(2.0 / duration * np.hypot(sums[3::2], sums[4::2]))
         history.peaks.append(peak)
+        history.instants.append(int(counts[period.INSTANTS]))
+        history.grazes.append(int(counts[period.GRAZES]))
 
 
 def is_settled(history: History, decay: float) -> bool:
@@ -252,6 +268,9 @@ def summarise(scene: OracleScene, history: History, seconds: float) -> OracleRes
     status = "settled"
     if not settled:
         status = "not_periodic" if window >= FEWEST_AVERAGED and drift < 4.0 and is_restless(history) else "unresolved"
+    # Where each period is like the one before, the last is the nearest to the limit.
+    if settled and history.distances[-1] < SETTLED:
+        window, rms = 1, math.sqrt(history.power[-1])
     lines = np.sqrt(np.mean(np.square(history.lines[-window:]), axis=0))
     lost = float(np.sum(history.lost[-window:]))
     imbalance = (float(np.sum(history.driven[-window:])) - lost) / lost if lost > 0.0 else 0.0
@@ -269,6 +288,8 @@ def summarise(scene: OracleScene, history: History, seconds: float) -> OracleRes
         periods=n,
         steps=history.steps,
         seconds=seconds,
+        instants=history.instants[-1],
+        grazes=history.grazes[-1],
     )
 
 
@@ -290,16 +311,30 @@ def _standard_error(power: NDArray[np.float64]) -> tuple[float, float]:
 def simulate_oracle(
     scene: OracleScene, *, tolerance: float = TOLERANCE, caps: Caps | None = None, estimate: bool = True
 ) -> OracleResult:
-    """Return the settled response of a scene; ``estimate`` adds the error, from a run at a tenth of the tolerance."""
+    """Return the settled response of a scene.
+
+    ``estimate`` goes on from where it settled at a tenth of the tolerance, which gives what is returned then, and its
+    errors.
+    """
     caps = Caps() if caps is None else caps
     begun = time.thread_time()
     problem = Problem(scene)
-    result = summarise(scene, problem.run(tolerance, caps), time.thread_time() - begun)
+    history = problem.run(tolerance, caps)
+    result = summarise(scene, history, time.thread_time() - begun)
     if not estimate or result.status != "settled":
         return result
-    fine = summarise(scene, problem.run(0.1 * tolerance, Caps(caps.periods, 2 * caps.steps)), 0.0)
-    error = abs(fine.rms - result.rms) / result.rms if result.rms > 0.0 else 0.0
-    return replace(result, error=error, seconds=time.thread_time() - begun)
+    fine = summarise(scene, problem.run(0.1 * tolerance, replace(caps, steps=2 * caps.steps), history.state), 0.0)
+    if fine.status != "settled":
+        return result
+    return replace(
+        fine,
+        error=abs(fine.rms - result.rms) / fine.rms if fine.rms > 0.0 else 0.0,
+        peak_error=abs(fine.peak - result.peak) / fine.peak if fine.peak > 0.0 else 0.0,
+        line_errors=tuple(abs(a - b) for a, b in zip(fine.lines, result.lines, strict=True)),
+        periods=result.periods + fine.periods,
+        steps=result.steps + fine.steps,
+        seconds=time.thread_time() - begun,
+    )
 
 
 def other_levels(scene: OracleScene, count: int = 6, caps: Caps | None = None) -> list[float]:
