@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ipaddress
 import math
+import random
 import time
 from collections import Counter
 from collections.abc import Callable, Hashable
@@ -23,6 +24,10 @@ _FIRST_DELAY_S, _MAX_DELAY_S = 1.0, 5.0
 _MAX_CLIENTS = 10_000
 BACKLOG = 512
 """Connections that wait in the kernel's queue of a listener."""
+WAITING, WAITING_IN_ALL = 128, 512
+"""Connections of one client, and of all, that wait for their turn: about as many as may come in a second or two."""
+TURN_S = 0.02
+"""Between two looks at those that wait."""
 Cause = Literal["address", "full", "lost", "message", "rate", "replaced", "secret", "slow", "unread"]
 """Why connections are refused or ended, see docs/reference/daemon.md."""
 _LATELY_S = 2.0
@@ -130,6 +135,54 @@ class Door(Generic[Connection]):
             "received_bytes": self.received_bytes,
             "refused": dict(self.refused),
         }
+
+
+class WaitingRoom(Generic[Connection]):
+    """New connections of clients that connect too often; they wait for their turn.
+
+    Where too many wait, any one of the client with the most is refused: who shares an address with a crowd has its turn
+    in a second or two, in a flood a chance.
+    """
+
+    def __init__(self, admit: Callable[[Connection, str], bool], refuse: Callable[[Connection], object]) -> None:
+        """Take what admits a connection of an address, or returns that it has to wait, and what ends one."""
+        self._admit, self._refuse = admit, refuse
+        self._queues: dict[str, list[tuple[Connection, str]]] = {}
+
+    def __bool__(self) -> bool:
+        """Return whether there are any."""
+        return bool(self._queues)
+
+    def arrive(self, connection: Connection, address: str) -> None:
+        """Admit a new connection, or have it wait behind those of its client."""
+        client = client_of(address)
+        if client not in self._queues and self._admit(connection, address):
+            return
+        queue = self._queues.setdefault(client, [])
+        queue.append((connection, address))
+        if len(queue) > WAITING or sum(map(len, self._queues.values())) > WAITING_IN_ALL:
+            # The first, or the last, would always be of the one who is quickest.
+            queue = max(self._queues.values(), key=len)
+            self._refuse(queue.pop(random.randrange(len(queue)))[0])
+
+    def let_in(self) -> None:
+        """Admit those that may come in now, one of each client in turn."""
+        going_on = True
+        while going_on:
+            going_on = False
+            for client, queue in list(self._queues.items()):
+                if queue and self._admit(*queue[0]):
+                    going_on = True
+                    del queue[0]
+                if not queue:
+                    del self._queues[client]
+
+    def close(self) -> None:
+        """End all that wait."""
+        for queue in self._queues.values():
+            for connection, _ in queue:
+                self._refuse(connection)
+        self._queues.clear()
 
 
 class Bucket:

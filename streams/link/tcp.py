@@ -15,7 +15,18 @@ from typing import Any
 
 from models.platform.supervision import OwnedThread
 from streams.link.arrivals import Ticket
-from streams.link.front import Bucket, Cause, Door, FullError, Guesses, OftenError, Visits, client_of
+from streams.link.front import (
+    TURN_S,
+    Bucket,
+    Cause,
+    Door,
+    FullError,
+    Guesses,
+    OftenError,
+    Visits,
+    WaitingRoom,
+    client_of,
+)
 from streams.link.listening import Place, Waker, bound, is_loopback, place_of
 from streams.link.peer import NONCE_BYTES, ClosedError, Peer, Phase, is_proof, load_keys, prepare, receiver_context
 from streams.link.receiver import Receiver
@@ -65,6 +76,7 @@ class TcpReceiver(Receiver):
         most = self._network.max_connections
         visits = Visits(max(_CONNECTIONS_PER_S, most), 2.0 * max(_CONNECTIONS_PER_S, most))
         self._door = Door(most, most, self._idleness, visits)
+        self._waiting: WaitingRoom[socket.socket] = WaitingRoom(self._admit, self._turn_away)
         self._guesses = Guesses()
         self._rate = Bucket(_ACCEPTED_PER_S, _ACCEPTED_PER_S / 10.0)
         self._deaf_until = 0.0
@@ -168,7 +180,7 @@ class TcpReceiver(Receiver):
             while not self._stopped:
                 self._thread.turn()
                 buffered = [peer for peer in self._peers if peer.buffered and not self._is_held(peer)]
-                for key, mask in selector.select(0.0 if buffered else _TICK):
+                for key, mask in selector.select(0.0 if buffered else TURN_S if self._waiting else _TICK):
                     if key.fileobj is listener:
                         self._accept(listener, selector)
                     elif key.fileobj is waker.theirs:
@@ -177,6 +189,7 @@ class TcpReceiver(Receiver):
                         self._handle(key.data, mask)
                 for peer in buffered:
                     self._handle(peer, selectors.EVENT_READ)
+                self._waiting.let_in()
                 if self._deaf_until and time.monotonic() >= self._deaf_until:
                     selector.register(listener, selectors.EVENT_READ)
                     self._deaf_until = 0.0
@@ -187,6 +200,7 @@ class TcpReceiver(Receiver):
         finally:
             for peer in list(self._peers):
                 self._drop(peer)
+            self._waiting.close()
             self._close_sockets()
 
     def _close_sockets(self) -> None:
@@ -206,15 +220,20 @@ class TcpReceiver(Receiver):
                 # The sender has disconnected, or there are no descriptors left; the next round tries again.
                 self._refused(f"a connection could not be accepted: {error}")
                 return
-            self._admit(connection, str(place[0]), selector)
+            self._waiting.arrive(connection, str(place[0]))
             wait = self._rate.take()
             if wait > 0.0:
                 selector.unregister(listener)
                 self._deaf_until = time.monotonic() + wait
                 return
 
-    def _admit(self, connection: socket.socket, address: str, selector: selectors.BaseSelector) -> None:
-        """Wait for the hello of a new connection, or refuse it."""
+    def _turn_away(self, connection: socket.socket) -> None:
+        self._door.refused["rate"] += 1
+        self._refused("connections come too often")
+        connection.close()
+
+    def _admit(self, connection: socket.socket, address: str) -> bool:
+        """Wait for the hello of a new connection, or refuse it; return whether it need not wait for its turn."""
         all_keyed = len(self._keys) == len(self._key_files)
         try:
             if not (self._network.admits(address) or (all_keyed and not self._network.peers)):
@@ -224,17 +243,20 @@ class TcpReceiver(Receiver):
             if idlest is not None:
                 self._drop(idlest, "replaced by a newer connection", "replaced")
             connection = prepare(connection, self._tls)
+        except OftenError:
+            return False
         except (FullError, OSError) as error:
-            self._door.refused["rate"] += isinstance(error, OftenError)
             self._refused(f"{address}: {error}")
             connection.close()
-            return
+            return True
         peer = Peer(
             connection, address, time.monotonic() + self._network.read_timeout, encrypting=self._tls is not None
         )
         self._peers.add(peer)
         self._door.add(peer, address)
-        selector.register(connection, peer.interest(held=False), peer)
+        assert self._selector is not None
+        self._selector.register(connection, peer.interest(held=False), peer)
+        return True
 
     def _idleness(self, peer: Peer) -> tuple[int, float] | None:
         """Return how readily a connection makes room: none that sends frames, those with wrong keys first."""

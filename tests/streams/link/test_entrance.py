@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from streams.link import entrance as room
+from streams.link import front
 from streams.link.front import Door
 from tests.support.receivers import make_certificate
 from tests.support.waiting import PATIENCE_S
@@ -64,7 +65,7 @@ async def answer(port: int, address: str, context: ssl.SSLContext | None = None)
 
 def test_a_flood_of_one_client_leaves_room_for_another(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(room, "CONNECTIONS_PER_S", 5.0)
-    monkeypatch.setattr(room, "WAITING", 5)
+    monkeypatch.setattr(front, "WAITING", 5)
     found = door()
 
     async def act() -> int:
