@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from models.machine.rig import Rig, RigParameters
 from models.machine.scene import EFFECTS
@@ -70,6 +70,32 @@ class Solver:
             raise ValueError(f"error of {self.model} {self.name} must be positive and finite, got {self.error!r}")
 
 
+class EffectBound(NamedTuple):
+    """What an effect can change at most, relative to the RMS of the acceleration at the first sensor.
+
+    ``wave``: RMS of the change of the acceleration; ``rms``: change of its RMS, no more than that.
+    """
+
+    wave: float
+    rms: float
+
+
+@dataclass(frozen=True)
+class WeakEffects:
+    """Effects of a model that may be too small to be worth another way of solving.
+
+    Attributes:
+        names: of the effects, in ``models.machine.scene.EFFECTS``.
+        without: returns a scene without them; raises a ValueError that names what the model does not describe.
+        bounds: returns, of a scene and the response without them, the bound of each that the scene has, by name;
+            infinite where none is known.
+    """
+
+    names: frozenset[str]
+    without: Callable[[Scene], Scene]
+    bounds: Callable[[Scene, Response], dict[str, EffectBound]]
+
+
 def load(place: str) -> Any:
     """Return what "module:name" names."""
     module, _, name = place.partition(":")
@@ -102,6 +128,13 @@ def solvers(model: str = AUTO) -> tuple[Solver, ...]:
         raise ValueError(f"unknown model {model!r}; known are: {', '.join((AUTO, *MODELS))}")
     modules = [module for name, entry in MODELS.items() if model in (AUTO, name) for module in entry.solvers]
     return tuple(importlib.import_module(module).SOLVER for module in modules)
+
+
+@cache
+def weak_effects(model: str) -> WeakEffects | None:
+    """Return what bounds effects of a model that may be too small to matter, None where nothing does."""
+    place = MODELS[model].weak
+    return load(place) if place else None
 
 
 def check_effects(scene: Scene, able: frozenset[str], model: str, how: str = "") -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -80,6 +80,16 @@ class SignalRecord:
         return _at_multiples(self.signal * (window / np.sum(window)), fundamental / self.rate, count)
 
 
+class LeftOut(NamedTuple):
+    """An effect of a scene (``models.machine.scene.EFFECTS``) that was left out because it is too small to matter.
+
+    ``bound``: relative change of ``Response.quantity`` that it can make at most; every stated error contains its own.
+    """
+
+    effect: str
+    bound: float
+
+
 @dataclass(frozen=True, eq=False)
 class Response:
     """The settled vibration of one scene, in m/s2 (sensor "ias": rad/s).
@@ -129,6 +139,7 @@ class Response:
             own, "ias" is beyond it. None where the motion was not simulated over time, or the model does not say. Where
             the speed changes, lines are those over the angle, of a shaft that turns at the speed of the scene, and
             there are HARMONICS of them.
+        left_out: effects that are not in the answer.
     """
 
     levels: tuple[tuple[float, float], ...]
@@ -156,6 +167,7 @@ class Response:
     v_eq_error: float = math.nan
     model_error: float = 0.0
     profile: SpeedProfile | None = None
+    left_out: tuple[LeftOut, ...] = ()
 
     def turns(self) -> NDArray[np.float64]:
         """Return how far the shaft has turned at the samples of the record since the first, revolutions, (samples,).

@@ -15,10 +15,12 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from models.machine.scene import EFFECTS
 from models.solve.mappings.table import MAPPINGS, Mapped, Mapping
-from models.solve.registry import AUTO, Solver, solvers
-from models.solve.response import judged
+from models.solve.registry import AUTO, EffectBound, Solver, solvers, weak_effects
+from models.solve.response import LeftOut, judged, lines_error
 from models.words.request import Request
 
 if TYPE_CHECKING:
@@ -287,7 +289,8 @@ def simulate(
     """Return the settled vibration of a scene.
 
     A motion that nothing but the ball passages drives is solved for one ball period; any other is simulated over time
-    and averaged. ``Response.why`` says what was taken.
+    and averaged. Effects that make it such a one, but are bound to change ``quantity`` by less than a third of the
+    accuracy, are left out (``Response.left_out``). ``Response.why`` says what was taken.
 
     Args:
         accuracy: relative error of ``quantity`` that is asked for. Steps are halved until its estimate,
@@ -359,9 +362,75 @@ def volume_slope(scene: Scene, request: Request) -> float:
 def _answer(scene: Scene, request: Request) -> Response:
     """Return the response of what is chosen, or of the reference where a stand-in says that it missed the accuracy."""
     chosen = select(scene, request)
+    found = _without_weak(scene, request, chosen.solver)
+    if found is not None:
+        return found
     found = chosen.answer()
     if chosen.instead is None:
         return found
     found = judged(found, request)
     usable = found.status == "converged" or (found.status == "not_periodic" and not scene.repeats)
     return found if usable and found.error <= request.accuracy else chosen.instead.answer()
+
+
+# Share of the accuracy that effects which are left out may have in all.
+_LEFT_OUT = 1.0 / 3.0
+# Relative change of the peak over that of the waveform, and change of the amplitude of a line over its RMS.
+_OF_PEAK, _OF_LINE = 2.0, math.sqrt(2.0)
+# A smaller line counts as none, m/s2.
+_LEAST_LINE = 1e-300
+
+
+def _without_weak(scene: Scene, request: Request, solver: Solver) -> Response | None:
+    """Return the response without the effects of a scene that are too small to matter, None where they may matter.
+
+    They are left out where another solver is cheaper without them, and all of them together change what is asked for by
+    a share of the accuracy at most.
+    """
+    weak = weak_effects(solver.model)
+    if weak is None or request.steps_per_period is not None or weak.names.isdisjoint(scene.effects):
+        return None
+    asked = replace(request, accuracy=(1.0 - _LEFT_OUT) * request.accuracy)
+    try:
+        lighter = weak.without(scene)
+        plain = select(lighter, asked)
+        # The first lines are those of the first defect's part.
+        other_lines = request.quantity == "lines" and _first_part(scene) != _first_part(lighter)
+        if other_lines or plain.solver.cost(lighter, asked) > WORTH * solver.cost(scene, request):
+            return None
+        found = plain.answer()
+        changes = weak.bounds(scene, found) if found.status == "converged" else {}
+    except ValueError:
+        return None
+    return _leaving_out(found, changes, request) if changes else None
+
+
+def _first_part(scene: Scene) -> str:
+    return "outer" if scene.defect is None else scene.defect.part
+
+
+def _leaving_out(found: Response, changes: dict[str, EffectBound], request: Request) -> Response | None:
+    """Return a response whose errors contain those of what it leaves out, None where that exceeds its share."""
+    waves = {name: change.wave for name, change in changes.items()}
+    # The square of a sum of changes is at most their number times the sum of their squares.
+    levels = {name: min(change.wave, len(changes) * change.rms) for name, change in changes.items()}
+    line = _OF_LINE * found.rms / max(float(np.max(found.harmonics)), _LEAST_LINE)
+    asked = {"waveform": waves, "lines": {name: line * wave for name, wave in waves.items()}}
+    parts = asked.get(request.quantity, levels)
+    if not sum(parts.values()) <= _LEFT_OUT * request.accuracy:
+        return None
+    wave = sum(waves.values())
+    of_what = _WORDS[request.quantity]
+    names = ", ".join(f"{EFFECTS[name]} (at most {part:.1g} of the {of_what})" for name, part in parts.items())
+    harmonics_error = found.harmonics_error + _OF_LINE * wave * found.rms
+    changed = replace(
+        found,
+        rms_error=found.rms_error + sum(levels.values()),
+        peak_error=found.peak_error + _OF_PEAK * wave,
+        waveform_error=found.waveform_error + wave,
+        harmonics_error=harmonics_error,
+        lines_error=lines_error(found.harmonics, harmonics_error),
+        left_out=tuple(LeftOut(*part) for part in parts.items()),
+        why=f"{'' if found.why is None else f'{found.why}; '}left out, as too small to matter: {names}",
+    )
+    return judged(changed, request)

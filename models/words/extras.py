@@ -38,11 +38,14 @@ class Model(NamedTuple):
         rig: "module:class" of its parameters.
         solvers: modules, each with a ``SOLVER``.
         warm: what is compiled ahead, in words for people, and "module:function" of what does it.
+        weak: "module:object" of what bounds effects that may be too small to matter, a
+            ``models.solve.registry.WeakEffects``; "" for none.
     """
 
     rig: str
     solvers: tuple[str, ...]
     warm: tuple[tuple[str, str], ...] = ()
+    weak: str = ""
 
 
 def brought(group: str) -> Mapping[str, EntryPoint]:

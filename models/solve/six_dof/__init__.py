@@ -9,4 +9,5 @@ MODEL = Model(
         ("many scenes at once", "models.solve.six_dof.lanes:warm"),
         ("over time", "models.solve.six_dof.time_domain:warm"),
     ),
+    "models.solve.six_dof.weak_effects:WEAK",
 )

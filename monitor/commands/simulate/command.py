@@ -130,7 +130,8 @@ def command(config_path: Path | None, name: str | None, as_json: bool, **options
             compared = compare(scene, config, entry, options)
             return compared, compared_lines(compared)
         scene, left_out = with_machine(with_parameters(scene, config, entry, options["parameters"]), config)
-        values = _answer(scene, options) | {"left_out": left_out}
+        values = _answer(scene, options)
+        values["left_out"] += [{"effect": key, "bound": None} for key in left_out]
     return values, _lines(values, scene)
 
 
@@ -181,6 +182,7 @@ def _values(response: Response, scene: Scene, sensor: Sensor) -> dict[str, Any]:
         "solver": response.solver,
         "status": response.status,
         "why": response.why,
+        "left_out": [one._asdict() for one in response.left_out],
     }
 
 
@@ -309,7 +311,7 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
         yield f"floor {floor_of_defect('rough', scene.defect.floor.sd)}"
     if values["why"] is not None:
         yield values["why"]
-    if values["left_out"]:
-        yield f"configured, but left out by {values['model']}: {', '.join(values['left_out'])}"
+    if unknown := [one["effect"] for one in values["left_out"] if one["bound"] is None]:
+        yield f"configured, but left out by {values['model']}: {', '.join(unknown)}"
     if scene.defect is None:
         yield "no defect: give --dphi-deg and --h-d-um"

@@ -36,6 +36,7 @@ KEYS = {
     "waveform_error",
     "solver",
     "why",
+    "left_out",
 }
 
 
@@ -104,6 +105,16 @@ def test_the_cheapest_solver_is_taken_and_said_why() -> None:
     turning = simulate(*PIT, "--fault", "inner")
     assert turning["solver"] == "time_domain"
     assert 0.0 < turning["rms_error"] < 0.05
+
+
+def test_an_effect_that_is_too_small_is_left_out_and_said() -> None:
+    small = [*PIT, "--unbalance-kg-m", "1e-10", "--accuracy", "0.05"]
+    found, plain = simulate(*small), simulate(*PIT, "--accuracy", "0.05")
+    (left,) = found["left_out"]
+    assert (found["solver"], found["status"], left["effect"]) == ("periodic", "converged", "unbalance")
+    assert 0.0 < left["bound"] < found["error"] <= 0.05
+    assert (plain["left_out"], plain["rms_g"]) == ([], pytest.approx(found["rms_g"], rel=0.05))
+    assert "too small to matter: unbalance" in CliRunner().invoke(command, small, catch_exceptions=False).stdout
 
 
 def test_several_defects_at_once() -> None:

@@ -211,7 +211,7 @@ def test_simulate_takes_the_shaft_and_an_option_takes_precedence(tmp_path: Path)
         return found
 
     rotor = simulated("--model", "rotor")
-    assert rotor["left_out"] == ["operating.axial_load_newton"]
+    assert rotor["left_out"] == [{"effect": "operating.axial_load_newton", "bound": None}]
     same = simulated("--model", "rotor", "--unbalance-kg-m", "300e-6", "--parameter", "m=4.5")
     assert same["rms_g"] == rotor["rms_g"]
     assert simulated("--model", "rotor", "--unbalance-kg-m", "600e-6")["rms_g"] > rotor["rms_g"]
@@ -220,7 +220,8 @@ def test_simulate_takes_the_shaft_and_an_option_takes_precedence(tmp_path: Path)
     assert casing["bpfo_hz"] == pytest.approx(kinematics(catalogue_entry("6205").bearing, 25.0).bpfo)
     assert casing == simulated("--model", "six_dof", "--speed-hz", "25", "--load-newton", "1000")
     assert casing != simulated("--model", "six_dof", "--speed-hz", "25", "--load-newton", "4000")
-    assert casing["left_out"] == ["shaft.unbalance_g_mm", "operating.axial_load_newton", "shaft.second_bearing"]
+    keys = ("shaft.unbalance_g_mm", "operating.axial_load_newton", "shaft.second_bearing")
+    assert casing["left_out"] == [{"effect": key, "bound": None} for key in keys]
 
 
 def test_check_says_which_models_take_the_shaft(tmp_path: Path) -> None:
