@@ -74,14 +74,14 @@ def scene(
 
 
 def acceleration(
-    response: Response, *, rate_hz: float = 25600.0, duration_s: float = 1.0, sensor: Sensor | None = None
+    response: Response, *, rate_hz: float = 25600.0, duration_s: float | None = None, sensor: Sensor | None = None
 ) -> xr.DataArray:
     """Return the acceleration that a recorder would sample of a simulated scene.
 
     Args:
         response: of ``simulate``.
         rate_hz: sampling rate; lines above 0.9 of half of it are left out, as by an anti-alias filter.
-        duration_s: length; of a motion that does not repeat at most what was simulated.
+        duration_s: length, by default 1 s; of a motion that does not repeat at most what was simulated, by default all.
         sensor: by default the first acceleration of the model.
 
     Returns:
@@ -91,7 +91,9 @@ def acceleration(
         ValueError: rate or duration are not positive, or the response has no such signal.
     """
     chosen = sensor or response.accelerometer
-    values = response.acceleration(rate_hz, duration_s, sensor=chosen)
+    record = response.record
+    whole = 1.0 if record is None else record.signal.shape[1] / record.rate
+    values = response.acceleration(rate_hz, whole if duration_s is None else duration_s, sensor=chosen)
     return to_signal(values, rate_hz=rate_hz, unit="m/s2", channels=(chosen,))
 
 

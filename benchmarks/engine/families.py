@@ -76,7 +76,7 @@ def family_rows(name: str, count: int) -> list[Row]:
     rng, change = np.random.default_rng(SEED), FAMILIES[name]
     scenes = [change(scene, rng) for scene in random_scenes(count, rough=False, seed=SEED)]
     found = [simulate(scene, accuracy=REFERENCE_ACCURACY) for scene in scenes]
-    fine = [(s, r) for s, r in zip(scenes, found, strict=True) if r.status in ("converged", "inaccurate")]
+    fine = [(s, r) for s, r in zip(scenes, found, strict=True) if r.repeats]
     rows: list[Row] = []
     for accuracy in ACCURACIES:
         answers = [simulate(scene, accuracy=accuracy) for scene, _ in fine]

@@ -50,5 +50,6 @@ def test_a_lost_waveform_adds_its_power_to_the_error_of_the_level() -> None:
 def test_waveform_and_lines_of_what_fails_to_repeat_are_not_claimed() -> None:
     drawn = draw(63_128, "shaft")
     found = SOLVERS["rotor", "elastic"].solve(drawn.scene, drawn.request)
-    assert (found.status, drawn.request.quantity) == ("not_periodic", "lines")
+    assert (found.status, drawn.request.quantity) == ("inaccurate", "lines")
+    assert not found.repeats
     assert found.lines_error >= found.spread / found.rms > drawn.request.accuracy

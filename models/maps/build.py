@@ -285,7 +285,8 @@ def _row(plan: MapPlan, at: tuple[int, ...]) -> NDArray[np.float64]:
 
 def _worst_status(status: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the worst status over the floors, shape (floors, D) to (D,)."""
-    order = [STATUSES.index(name) for name in ("converged", "inaccurate", "not_periodic", "not_converged")]
+    worse = ("converged", "not_periodic", "inaccurate", "uncalibrated", "not_converged")
+    order = [STATUSES.index(name) for name in worse]
     rank = np.argsort(order)
     return np.asarray(order, dtype=np.int64)[np.max(rank[status], axis=0)]
 

@@ -1,7 +1,7 @@
 """Nodes of maps by models other than the six-degree-of-freedom one: each is a scene of its own, simulated over time.
 
 The level is that of the model's first sensor of acceleration; its relative errors are those of the first sensor. Times
-are lengthened until the standard error of the mean is below the accuracy of a node, or the longest is reached; what is
+are lengthened until the error of the mean is below the accuracy of a node, or the longest is reached; what is
 left stands beside the level.
 """
 
@@ -85,7 +85,7 @@ def model_level(plan: MapPlan, point: Point, seed: int = 0, factor: int = 1) -> 
     accuracy = MAP_ACCURACY / factor
     response = _simulated(plan, scene, _DURATIONS[0], factor)
     for duration in _DURATIONS[1:]:
-        if response.rms_se <= accuracy * response.rms and response.status != "not_converged":
+        if response.averaging_error <= accuracy and response.status != "not_converged":
             break
         response = _simulated(plan, scene, duration, factor)
     sensor = acceleration_sensor(response.sensors)
@@ -95,7 +95,7 @@ def model_level(plan: MapPlan, point: Point, seed: int = 0, factor: int = 1) -> 
         rms=rms,
         se=response.rms_se * share,
         spread=response.spread * share,
-        error=max(0.0, response.rms_error - response.rms_se / first) if first > 0.0 else 0.0,
+        error=max(0.0, response.rms_error - response.averaging_error),
         harmonics=_lines(plan, response, point[1], row_of(response.sensors, sensor)),
         status=response.status,
         sensor=sensor,

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from models.machine.speed_profile import SpeedProfile
 
-Status = Literal["converged", "not_periodic", "not_converged", "inaccurate"]
-STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged", "inaccurate")
+Status = Literal["converged", "not_periodic", "not_converged", "inaccurate", "uncalibrated"]
+STATUSES: tuple[Status, ...] = ("converged", "not_periodic", "not_converged", "inaccurate", "uncalibrated")
 
 HARMONICS = 6
 # Share of the Nyquist frequency below the transition band of a recorder's anti-alias filter.
@@ -100,8 +100,10 @@ class Response:
         levels: RMS (over several periods where the motion does not repeat) and largest absolute value of each sensor
             in ``rms_band``; ``rms`` and ``peak`` are those of the first.
         rms_error: relative error of ``rms``, estimated: that of the steps from halving them, and where the motion does
-            not repeat the standard error of the mean beside it.
-        rms_se: that standard error of ``rms``, m/s2; zero where the motion repeats.
+            not repeat ``averaging_error`` beside it.
+        averaging_error: the part of ``rms_error`` that is left by the length of the time averaged; where the motion
+            does not repeat, 95 % of such errors are within it.
+        rms_se: the standard error of that mean, m/s2; zero where the motion repeats, or its speed changes.
         peak_error: relative error of ``peak``, estimated: that of the steps; where the motion does not repeat, the
             standard deviation over parts of the run, over ``peak``.
         waveform_error: RMS of the error due to the steps of the waveform over its RMS, estimated: at the steps
@@ -119,8 +121,8 @@ class Response:
             simulated instead is given. NaN where none was found or looked for.
         model, solver: what answered (models.solve.registry).
         status: "converged" (it repeats, is stable, and the error of the quantity that was asked for is within the
-            accuracy), "inaccurate" (that error is not), "not_periodic" (a mean and a spread are given) or
-            "not_converged" (unusable).
+            accuracy), "not_periodic" (a mean and a spread are given, and that error is), "inaccurate" (it is not, of
+            either), "uncalibrated" (levels without a unit) or "not_converged" (unusable).
         rms_band: the band (lo, hi), Hz, to which RMS and peak refer, or None for the full bandwidth.
         coefficients: complex Fourier coefficients c_k of exp(2 pi i k bpfo t), k = 0..K, m/s2, shape
             (sensors, K + 1). The amplitude of line k is twice that of c_k. Where the motion does not repeat, their
@@ -168,6 +170,7 @@ class Response:
     model_error: float = 0.0
     profile: SpeedProfile | None = None
     left_out: tuple[LeftOut, ...] = ()
+    averaging_error: float = 0.0
 
     def turns(self) -> NDArray[np.float64]:
         """Return how far the shaft has turned at the samples of the record since the first, revolutions, (samples,).
@@ -198,6 +201,11 @@ class Response:
     def error(self) -> float:
         """Relative error of the quantity that was asked for: of steps, averaging and model."""
         return self.error_of(self.quantity) + self.model_error
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the motion repeats with the ball passage; else levels are means over time."""
+        return self.spread == 0.0
 
     def led_by(self, sensor: Sensor | None) -> Response:
         """Return the response with a sensor as the first, None for the first as it is; errors then apply relatively.
@@ -328,12 +336,14 @@ def lines_error(harmonics: NDArray[np.float64], errors: NDArray[np.float64]) -> 
 def judged(response: Response, request: Request) -> Response:
     """Return a response with the quantity of a request, and the status that this deserves.
 
-    Only "converged" and "inaccurate" depend on it; an error that is unknown is not within the accuracy.
+    "not_converged" and "uncalibrated" stay; of all else the error decides, and whether the motion repeats. An error
+    that is unknown is not within the accuracy.
     """
     found = replace(response, quantity=request.quantity)
-    if found.status not in ("converged", "inaccurate"):
+    if found.status in ("not_converged", "uncalibrated"):
         return found
-    return replace(found, status="converged" if found.error <= request.accuracy else "inaccurate")
+    good: Status = "converged" if found.repeats else "not_periodic"
+    return replace(found, status=good if found.error <= request.accuracy else "inaccurate")
 
 
 def row_of(sensors: tuple[Sensor, ...], sensor: Sensor | None) -> int:

@@ -46,6 +46,7 @@ def choose(scene: Scene, request: Request) -> tuple[Solver, str | None, float | 
     able = [s for s in known if needed <= s.effects]
     if not able:
         raise ValueError(_refusal(scene, known))
+    described = len({s.model for s in able})
     able = _of_the_rig(scene, able)
     able = [s for s in able if s.whole is None or s.whole(scene)] or able
     accurate = [s for s in able if s.error <= request.accuracy]
@@ -58,12 +59,14 @@ def choose(scene: Scene, request: Request) -> tuple[Solver, str | None, float | 
         best = accurate[0] if accurate else min(able, key=lambda s: s.error)
     if scene.model != AUTO:
         return best, None, cost
-    return best, _reason(best, scene, len({s.model for s in able})), cost
+    return best, _reason(best, scene, len({s.model for s in able}), described), cost
 
 
-def _reason(best: Solver, scene: Scene, models: int) -> str:
+def _reason(best: Solver, scene: Scene, models: int, described: int) -> str:
+    """Return why a solver is taken, of so many models that take its parameters, and that describe it with their own."""
     named = " with " + ", ".join(EFFECTS[name] for name in scene.effects) if scene.effects else ""
-    rank = "the only model" if models == 1 else f"the cheapest of {models} models"
+    only = "the only model" if described == 1 else "the only model of these parameters"
+    rank = only if models == 1 else f"the cheapest of {models} models"
     return f"{best.model} is {rank}{named}; {best.reason}"
 
 
@@ -150,7 +153,8 @@ class Choice:
             found = replace(self.mapped.back(found, self.sensor), model_error=self.error)
         if self.why is None:
             return found
-        missed = found.status == "not_periodic" and not found.error <= self.request.accuracy + self.error
+        missed = found.status == "inaccurate" and not found.repeats
+        missed = missed and not found.error <= self.request.accuracy + self.error
         said = f"; its own estimate of the error, {found.error:.1g}, is beyond the accuracy" if missed else ""
         return replace(found, why=self.why + said)
 
@@ -281,7 +285,7 @@ def simulate(
     band: tuple[float, float] | None = None,
     lines_to: float | None = None,
     direction: float = 0.0,
-    duration: float = Request.duration,
+    duration: float | None = None,
     rate: float = Request.rate,
     quantity: Quantity = "rms",
     sensor: Sensor | None = None,
@@ -294,7 +298,8 @@ def simulate(
 
     Args:
         accuracy: relative error of ``quantity`` that is asked for. Steps are halved until its estimate,
-            ``Response.error``, is below it; the status ``inaccurate`` says that it is not met.
+            ``Response.error``, is below it; the status ``inaccurate`` says that it is not met, whether the motion
+            repeats or not.
         tolerance: relative change of the RMS from period to period at which the motion counts as settled, by default
             a hundredth of the accuracy.
         steps_per_period: least steps in a ball period, instead of those that the accuracy asks for.
@@ -304,7 +309,9 @@ def simulate(
         lines_to: frequency up to which the lines of the spectrum are computed, Hz, raised to the end of the band; by
             default 30 kHz and at most 10,000 lines, or as far as the steps or the signal resolve.
         direction: angle of the sensor from the load, rad.
-        duration: time to simulate where the motion is not driven by the ball passages alone, s.
+        duration: time to simulate where the motion is not driven by the ball passages alone, s. By default, a level is
+            averaged until its error is within the accuracy (for 4 s at most, or 8 of the slowest periods with which it
+            swings), and all else, or a changing speed, takes 1 s.
         rate: sampling rate of ``Response.record`` then, Hz.
         quantity: what the accuracy is for: "waveform" (RMS of its error over its RMS), "rms", "lines" (the first six of
             the passages over the defect) or "v_eq": the equivalent volume that a monitor would find from the RMS, whose

@@ -14,6 +14,10 @@ SENSORS: tuple[Sensor, ...] = ("mo", "mr", "a", "b", "c", "ias")
 Quantity = Literal["waveform", "rms", "lines", "v_eq"]
 """What an accuracy is asked for: see ``Response.error_of``."""
 QUANTITIES: tuple[Quantity, ...] = ("waveform", "rms", "lines", "v_eq")
+MEANS: tuple[Quantity, ...] = ("rms", "v_eq")
+"""Quantities that are means over the time of a motion."""
+USUAL_SECONDS = 1.0
+"""Time that is simulated where no duration is named and something else than a mean is asked for, s."""
 # Periods that are simulated at least before a motion is said not to settle.
 _LEAST_PERIODS = 20
 
@@ -35,7 +39,7 @@ class Request:
     band: tuple[float, float] | None = None
     lines_to: float | None = None
     direction: float = 0.0
-    duration: float = 1.0
+    duration: float | None = None
     rate: float = 51200.0
     quantity: Quantity = "rms"
     sensor: Sensor | None = None
@@ -59,6 +63,13 @@ class Request:
             check_choice(self.sensor, "sensor", SENSORS)
         if not math.isfinite(self.direction):
             raise ValueError(f"direction must be finite, got {self.direction!r}")
+
+    @property
+    def seconds(self) -> float | None:
+        """Time to simulate, s; None where nothing but the error of a mean decides it."""
+        if self.duration is None and self.quantity not in MEANS:
+            return USUAL_SECONDS
+        return self.duration
 
     def highest(self, resolved: float, by: str) -> float:
         """Return the highest frequency that is asked for, Hz, 0 where none is.

@@ -20,8 +20,13 @@ PLACES: Mapping[Sensor, str] = {
 MEASURED: Mapping[Sensor, str] = {sensor: "angular speed" if sensor == "ias" else "acceleration" for sensor in PLACES}
 
 
-def unit_of_sensor(sensor: Sensor) -> tuple[float, str]:
-    """Return the unit in which a sensor is shown: its value in SI, and its text."""
+def unit_of_sensor(sensor: Sensor, status: str = "") -> tuple[float, str]:
+    """Return the unit in which a sensor is shown: its value in SI, and its text.
+
+    The ``status`` of a simulation may say that its levels have none.
+    """
+    if status == "uncalibrated":
+        return 1.0, status
     return (1.0, "rad/s") if sensor == "ias" else (STANDARD_GRAVITY, "g")
 
 

@@ -297,7 +297,7 @@ class SimulatedRig:
         if duration is not None:
             return simulate(scene, duration=duration, rate=RATE)
         response = simulate(scene, duration=_REPEATED_SECONDS, rate=RATE)
-        if response.record is None or response.status in ("converged", "inaccurate"):
+        if response.record is None or response.repeats:
             return replace(response, record=None)
         # A ball period more than a block, which can then begin anywhere in it.
         return simulate(scene, duration=BLOCK_SECONDS + 1.0 / response.bpfo + 1.0 / RATE, rate=RATE)

@@ -45,7 +45,7 @@ def test_light_load_with_clearance_states_its_spread(part: Part) -> None:
     floor = Floor("rough", seed=1)
     defect = Defect(0.3, 2e-5, floor, part=part)
     response = simulate_time(Scene(40.0, 1.0, defect=defect, clearance=1e-5), 1.0, RATE)
-    assert response.status in ("not_periodic", "not_converged")
+    assert response.status in ("not_periodic", "inaccurate", "not_converged")
     assert response.spread > 0.0
     assert 0.0 < response.rms_se < response.rms
 

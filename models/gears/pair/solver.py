@@ -24,7 +24,7 @@ from models.gears.train.motion import at_rest, course_of, longest_step, places_o
 from models.gears.train.parts import Body, GearTrain, Mesh, Support, Wheel, alike, line_of_action
 from models.machine.bearing import kinematics
 from models.solve.engine.motion import Motion, passage_rate
-from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
+from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of, expected_seconds
 from models.solve.registry import Solver, check_effects
 from models.words.request import Request
 
@@ -162,9 +162,10 @@ def _cost(scene: Scene, request: Request) -> float:
     """Return the expected processor time, s."""
     damped = _damped(scene, train_of(scene)[0])
     step = min(longest_step(damped), 0.5 / request.rate)
-    steps = (1.0 + 3.0 * LOOKED_AT) * (request.duration + _settle(scene, damped)) / step
+    seconds = expected_seconds(scene, request)
+    steps = (1.0 + 3.0 * LOOKED_AT) * (seconds + _settle(scene, damped)) / step
     samples = scene.speed * scene.rig_as(GearPairRig).teeth * damped.meshes[0].stiffness.samples
-    return SECONDS_A_CALL + _SECONDS_A_STEP * (steps + samples * request.duration)
+    return SECONDS_A_CALL + _SECONDS_A_STEP * (steps + samples * seconds)
 
 
 def warm() -> None:

@@ -27,13 +27,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from models.machine.speed_profile import constant
 from models.solve.angular import kernel as kernels
 from models.solve.angular.ball_ring_kernel import CARRIED, LEFT, TORQUE
 from models.solve.angular.plan import GOVERNOR_RATIO, Assembly, assemble, at_rest, prepare_plan
 from models.solve.angular.rig import AngularRig
 from models.solve.engine.motion import Motion, lead_in
-from models.solve.engine.over_time import LOOKED_AT, answer
+from models.solve.engine.over_time import LOOKED_AT, answer, expected_seconds, timed
 from models.solve.registry import Solver, check_effects
 from models.words.checks import check_positive
 from models.words.request import Request
@@ -121,7 +120,8 @@ def solve(scene: Scene, request: Request) -> Response:
         ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
     check_effects(scene, EFFECTS, MODEL)
-    settle, profile, nominal = settling(scene), scene.rotation(request.duration), None
+    request, profile = timed(scene, request)
+    settle, nominal = settling(scene), None
     if profile is not None:
         lead = lead_in(settle, request.rate)
         settle, nominal = lead - 0.5 / request.rate, profile.delayed(lead)
@@ -148,8 +148,9 @@ def solve(scene: Scene, request: Request) -> Response:
         settle=settle,
         repeats=_repeats(scene, assembly),
         build_up=_build_up(scene),
-        profile=constant(scene.speed, request.duration) if profile is None else profile,
+        profile=profile,
         per_turn=None if profile is None else _bpfo(scene, assembly) / scene.speed,
+        speed=scene.speed,
     )
     return answer(motion, request, longest_step(scene, plan))
 
@@ -240,7 +241,7 @@ def _cost(scene: Scene, request: Request) -> float:
     balls = scene.bearing.n_elements + (scene.second_bearing or scene.bearing).n_elements
     step = min(_STABLE / (4.0 * math.pi * scene.rig_as(AngularRig).mode_limit), 0.5 / request.rate)
     seconds = _SECONDS_A_STEP + _SECONDS_A_BALL * balls
-    whole = request.duration + settling(scene)
+    whole = expected_seconds(scene, request) + settling(scene)
     looked_at = min(whole, LOOKED_AT * whole + _build_up(scene))
     return seconds * (whole + 3.0 * looked_at) / step
 

@@ -32,8 +32,8 @@ from models.machine.bearing import kinematics
 from models.machine.hertz import BALL_EXPONENT, element_angles, in_series, static_equilibrium
 from models.solve.ball_inertia import kernel as kernels
 from models.solve.ball_inertia.rig import BallInertiaRig
-from models.solve.engine.motion import Motion, Trajectories, passage_rate, settled
-from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
+from models.solve.engine.motion import Motion, Planned, Trajectories, passage_rate, settled
+from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of, expected_seconds
 from models.solve.engine.passages import in_intervals, passages_over
 from models.solve.registry import Solver, check_effects
 from models.words.checks import check_positive
@@ -101,12 +101,12 @@ def solve(scene: Scene, request: Request) -> Response:
     """
     check_effects(scene, EFFECTS, MODEL)
     lines, settle = kinematics(scene.bearing, scene.speed), settling(scene)
-    plan = prepare_plan(scene, duration_of(request, settle), request.direction)
+    planned = Planned(lambda seconds: prepare_plan(scene, seconds, request.direction), duration_of(request, settle))
     rest = at_rest(scene)
 
     def from_rest(steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
-        wave = np.empty((steps, 1))
-        status = kernels.run(rest.copy(), wave, np.empty((0, 2)), 1.0 / (request.rate * oversampling), plan)
+        h, wave = 1.0 / (request.rate * oversampling), np.empty((steps, 1))
+        status = kernels.run(rest.copy(), wave, np.empty((0, 2)), h, planned.until(steps * h))
         return wave, status == kernels.STATUS_OK
 
     motion = Motion(
@@ -301,7 +301,8 @@ def seconds_a_step(balls: int) -> float:
 def _cost(scene: Scene, request: Request) -> float:
     step = min(SHARE_OF_STABLE * longest_stable_step(scene), 0.5 / request.rate)
     seconds = seconds_a_step(len(_ball_angles(scene)))
-    return SECONDS_A_CALL + seconds * (1.0 + 3.0 * LOOKED_AT) * (request.duration + settling(scene)) / step
+    simulated = expected_seconds(scene, request) + settling(scene)
+    return SECONDS_A_CALL + seconds * (1.0 + 3.0 * LOOKED_AT) * simulated / step
 
 
 def warm() -> None:

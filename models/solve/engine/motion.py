@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 
@@ -78,8 +78,9 @@ class Motion:
         passages: rate at which balls pass the defect, Hz, whose lines a request may ask for; None is BPFO.
         build_up: time from the beginning, s, before which the error of the steps is not looked at: modes that ring
             have not gathered theirs yet.
-        profile: how the shaft turns from the first sample of the response on.
+        profile: how the shaft turns from the first sample of the response on, where its speed changes.
         per_turn: balls that pass the outer race in a turn, where the speed changes; None where it is one.
+        speed: of the shaft, Hz, where it is one and the model says how the shaft turns.
     """
 
     from_rest: FromRest
@@ -94,6 +95,7 @@ class Motion:
     build_up: float = 0.0
     profile: SpeedProfile | None = None
     per_turn: float | None = None
+    speed: float | None = None
 
     def led_by(self, sensor: Sensor | None) -> Motion:
         """Return the motion with a sensor as the first, None for the first as it is."""
@@ -107,6 +109,25 @@ class Motion:
             return np.ascontiguousarray(wave[:, order]), finite
 
         return replace(self, from_rest=from_rest, sensors=tuple(self.sensors[k] for k in order))
+
+
+T = TypeVar("T")
+
+
+class Planned(Generic[T]):
+    """What runs from rest need beforehand: made for the longest of them so far, anew where a longer one comes."""
+
+    def __init__(self, make: Callable[[float], T], least: float) -> None:
+        """Keep what makes it for a time, s, and the time that it is made for at least."""
+        self._make, self._until = make, least
+        self._made: T | None = None
+
+    def until(self, seconds: float) -> T:
+        """Return it for a run of some seconds."""
+        if self._made is None or seconds > self._until:
+            self._until = max(seconds, self._until)
+            self._made = self._make(self._until)
+        return self._made
 
 
 # What the filter of a recorder may reach beyond the margin of the fewest steps a sample, samples.
@@ -192,7 +213,7 @@ def settled(
 
     ``step`` and half of it are tried; the finer one is kept. ``settle``: time to drop at the beginning, s.
     """
-    duration = min(request.duration, MOST_TURNS / scene.speed)
+    duration = min(request.duration or math.inf, MOST_TURNS / scene.speed)
     kept: list[NDArray[np.float64]] = []
     for each in (step, 0.5 * step):
         place = walk(settle + duration, each)

@@ -1,8 +1,8 @@
-"""What the models that are simulated over time share: error of the steps, levels by block, peaks, record, status.
+"""What the models that are simulated over time share: error of the steps, length of the run, peaks, record, status.
 
 A model gives a ``Motion``. The error of its steps (``models.solve.engine.step_error``) is looked at in a span at the
 beginning, or after the time that modes need to ring with the error (``Motion.build_up``). Where an accuracy is asked
-for, steps are halved until it is met together with the standard error of the mean, or until halving no longer helps, as
+for, steps are halved until it is met together with the error of the mean, or until halving no longer helps, as
 where the motion is chaotic.
 
 What the steps of a simulation over time cost: a span is simulated again with half of them and compared.
@@ -19,13 +19,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from models.machine.speed_profile import constant
+from models.solve.engine.averages import Levels, levels_of
 from models.solve.engine.motion import ERROR_OF_WAVE, SILENCE, Motion, lines_over_angle, margin_of, sampled_at
 from models.solve.response import HARMONICS, PASSBAND, Response, SignalRecord, Status, band_passed, judged, lines_error
+from models.words.request import MEANS, USUAL_SECONDS, Request
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.words.request import Request
+    from models.machine.scene import Scene
+    from models.machine.speed_profile import SpeedProfile
 
 
 # Error of a sampled signal over its change by halving the steps: first order, where the force jumps between steps.
@@ -132,8 +136,13 @@ _LEAST_BLOCKS = 4.0
 _HELPS = 0.7
 # A smaller change of the RMS from the first to the second half is ignored at any standard error.
 _SAME_LEVEL = 3e-3
-# A smaller spread of the RMS from ball period to ball period is due to the steps.
-_SAME_PERIOD = 2e-2
+
+MOST_SECONDS = 4.0
+"""Longest time over which a level is averaged where no duration is named, s, or that of the first blocks if longer."""
+# Blocks of the first run whose length follows the error, and by how much a longer one is longer: between the square,
+# which independent blocks would need, and what blocks that swing regularly do.
+_FIRST_BLOCKS = 8
+_GROWTH, _LEAST_GROWTH, _MOST_GROWTH = 1.5, 1.5, 4.0
 
 # Processor time of what does not depend on the steps, s: filters, lines, levels.
 SECONDS_A_CALL = 5e-3
@@ -141,6 +150,9 @@ SECONDS_A_CALL = 5e-3
 
 def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False) -> Response:
     """Return the vibration of a motion over the time that a request names.
+
+    Where it names none and a level is asked for, runs become longer until the error of the mean is within what the
+    error of the steps leaves of the accuracy, or MOST_SECONDS are reached.
 
     Args:
         step: longest step, s, unless the request has its own; taken so that a sample has a whole number of steps, at
@@ -152,55 +164,105 @@ def answer(motion: Motion, request: Request, step: float, *, fixed: bool = False
     """
     motion = motion.led_by(request.sensor)
     request.highest(PASSBAND * 0.5 * request.rate, "the signal is flat up to")
-    run = _Run(motion, request)
     if request.steps_per_period is not None:
         step, fixed = 1.0 / (motion.bpfo * request.steps_per_period), True
     oversampling = max(2, math.ceil(1.0 / (request.rate * step) - 1e-9))
+    run, accuracy = _Run.first(motion, request, oversampling), request.accuracy
     run.check_length(oversampling)
-    oversampling, error = run.look(oversampling, None if fixed else request.accuracy)
+    # Of a mean whose length is open, the steps get half.
+    share = 0.5 if run.most > run.samples and not motion.repeats else 1.0
+    oversampling, error = run.look(oversampling, None if fixed else share * accuracy)
     while True:
         wave, finite = run.whole(oversampling)
         found = _measured(wave, run, oversampling)
-        settled = error.over(found.levels[0].rms)
-        if (
-            fixed
-            or not finite
-            or not settled.of(request) > _left(request, found.levels[0])
-            or not run.fits(2 * oversampling)
-        ):
+        level = found.levels[0]
+        settled, averaged = error.over(level.rms), _averaged(level, motion)
+        if not finite:
+            break
+        longer = run.longer(averaged / _left(accuracy, settled.of(request)), oversampling)
+        if longer is not None:
+            run = longer
+            continue
+        left = _left(accuracy, averaged) if request.quantity in MEANS else accuracy
+        if fixed or not settled.of(request) > left or not run.fits(2 * oversampling):
             break
         _, better = run.look(2 * oversampling, None)
         if not better.wave < _HELPS * error.wave:
             break
         oversampling, error = 2 * oversampling, better
-    return judged(_response(motion, request, found, settled, finite=finite), request)
+    return judged(_response(run, request, found, settled, finite=finite), request)
 
 
-def _left(request: Request, level: _Levels) -> float:
-    """Return what the standard error of the mean leaves of the accuracy to the steps, at least half of it."""
-    averaged = request.quantity in ("rms", "v_eq") and level.rms > SILENCE
-    return request.accuracy - min(level.error / level.rms, 0.5 * request.accuracy) if averaged else request.accuracy
+def _left(accuracy: float, error: float) -> float:
+    """Return what one of two errors leaves of the accuracy to the other, at least half of it."""
+    return accuracy - min(error, 0.5 * accuracy)
+
+
+def _averaged(level: Levels, motion: Motion) -> float:
+    """Return the relative error of the RMS by the length; where the speed changes, the level is that of the time."""
+    if motion.per_turn is not None or level.rms <= SILENCE:
+        return 0.0
+    return level.averaging(repeats=motion.repeats)
 
 
 def duration_of(request: Request, settle: float) -> float:
-    """Return the longest time from rest that ``answer`` simulates, s."""
+    """Return the longest time from rest that ``answer`` simulates, s; the least, where the length follows the error."""
     # The filter reaches beyond both ends by its half length, which hardly depends on the steps.
     ends = margin_of(2) + 2
     return (max(ends, math.ceil(settle * request.rate)) + _samples(request) + ends) / request.rate
 
 
+def expected_seconds(scene: Scene, request: Request) -> float:
+    """Return how long a response is expected to be, s."""
+    seconds = request.seconds
+    if seconds is None:
+        first = _FIRST_BLOCKS / scene.speed
+        seconds = min(max(first, USUAL_SECONDS * Request.accuracy / request.accuracy), max(first, MOST_SECONDS))
+    return seconds
+
+
+def timed(scene: Scene, request: Request) -> tuple[Request, SpeedProfile | None]:
+    """Return how the shaft turns where its speed changes, else None, and a request that then names its duration.
+
+    Raises:
+        ValueError: if the shaft would stop within that time.
+    """
+    seconds = USUAL_SECONDS if request.duration is None else request.duration
+    profile = scene.rotation(seconds)
+    return request if profile is None else replace(request, duration=seconds), profile
+
+
 def _samples(request: Request) -> int:
-    return max(1, round(request.duration * request.rate))
+    return max(1, round((request.seconds or 0.0) * request.rate))
 
 
 class _Run:
-    """A motion over the time of a request."""
+    """A motion over some time."""
 
-    def __init__(self, motion: Motion, request: Request) -> None:
-        """Count the samples that are kept and dropped."""
-        self.rate, self.samples = request.rate, _samples(request)
+    def __init__(self, motion: Motion, request: Request, samples: int, most: int) -> None:
+        """Count the samples that are kept, at most, and dropped."""
+        self.rate, self.samples, self.most = request.rate, samples, most
         self.settled = math.ceil(motion.settle * request.rate)
         self.motion, self._request = motion, request
+
+    @classmethod
+    def first(cls, motion: Motion, request: Request, oversampling: int) -> _Run:
+        """Return the run over the time that a request names, or where it names none over a few blocks."""
+        if request.seconds is not None:
+            return cls(motion, request, _samples(request), _samples(request))
+        usual, few = (math.ceil(seconds * request.rate) for seconds in (USUAL_SECONDS, _FIRST_BLOCKS * motion.block))
+        most = max(few, math.ceil(MOST_SECONDS * request.rate))
+        # As many blocks as may be, if they are very long.
+        room = max(MOST_STEPS // oversampling - math.ceil(motion.settle * request.rate), usual)
+        return cls(motion, request, min(few, room), most)
+
+    def longer(self, excess: float, oversampling: int) -> _Run | None:
+        """Return a longer run where the error of the mean is too large by a factor, None where it is not or may not."""
+        most = min(self.most, MOST_STEPS // oversampling - self.settled)
+        if not excess > 1.0 or self.samples >= most:
+            return None
+        growth = min(max(excess**_GROWTH, _LEAST_GROWTH), _MOST_GROWTH)
+        return _Run(self.motion, self._request, min(math.ceil(growth * self.samples), most), self.most)
 
     def check_length(self, oversampling: int) -> None:
         """Raise a ValueError where the run would have too many steps."""
@@ -240,20 +302,11 @@ class _Run:
         return oversampling, error
 
 
-@dataclass(frozen=True)
-class _Levels:
-    rms: float
-    error: float
-    spread: float
-    drift: float
-    peak_spread: float
-
-
 @dataclass(frozen=True, eq=False)
 class _Measured:
     """What a run gave: levels and peaks of all sensors, and the signal."""
 
-    levels: tuple[_Levels, ...]
+    levels: tuple[Levels, ...]
     peaks: tuple[float, ...]
     record: SignalRecord
 
@@ -263,63 +316,53 @@ def _measured(wave: NDArray[np.float64], run: _Run, oversampling: int) -> _Measu
     settled = wave[first * oversampling : (first + samples) * oversampling]
     signals = np.array([sampled_at(column, oversampling, first, samples) for column in wave.T])
     blocks = max(samples / run.rate / run.motion.block, _LEAST_BLOCKS)
-    levels = tuple(_levels(column, blocks) for column in settled.T)
+    levels = tuple(levels_of(column, blocks) for column in settled.T)
     return _Measured(levels, peaks(settled), SignalRecord(run.rate, signals, run.motion.sensors))
 
 
-def _levels(signal: NDArray[np.float64], blocks: float) -> _Levels:
-    """Return the levels over ``blocks`` blocks; the last, broken one is left out, because it would bias the mean."""
-    count = math.floor(blocks + 1e-9)
-    energy = np.concatenate(([0.0], np.cumsum(signal**2)))
-    edges = np.arange(count + 1) * (len(signal) / blocks)
-    means = np.maximum(np.diff(np.interp(edges, np.arange(len(energy)), energy)) / (len(signal) / blocks), 0.0)
-    rms, half = math.sqrt(np.mean(means)), count // 2
-    drift = abs(math.sqrt(np.mean(means[-half:])) - math.sqrt(np.mean(means[:half])))
-    error = float(np.std(means, ddof=1)) / math.sqrt(count) / (2.0 * rms) if rms > 0.0 else 0.0
-    first = np.unique(np.minimum(edges[:-1].astype(np.int64), len(signal) - 1))
-    peaks = np.maximum.reduceat(np.abs(signal), first)
-    return _Levels(rms, error, float(np.std(np.sqrt(means), ddof=1)), drift, float(np.std(peaks)))
-
-
-def _response(motion: Motion, request: Request, found: _Measured, step: StepError, *, finite: bool) -> Response:
+def _response(run: _Run, request: Request, found: _Measured, step: StepError, *, finite: bool) -> Response:
     """Return the response; error and spread are known over full bandwidth and apply relatively to a band."""
-    levels, bpfo = found.levels[0], motion.bpfo
+    motion, levels, seconds = run.motion, found.levels[0], run.samples / run.rate
+    bpfo = motion.bpfo
     rms, peaks = [level.rms for level in found.levels], list(found.peaks)
     if request.band is not None:
         pairs = [found.record.levels_in_band(*request.band, sensor) for sensor in motion.sensors]
         rms, peaks = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
     share = rms[0] / levels.rms if levels.rms > SILENCE else 1.0
-    error = (levels.error / levels.rms if levels.rms > SILENCE else 0.0) + step.rms
-    if motion.profile is None or motion.per_turn is None:
+    averaged = _averaged(levels, motion)
+    profile = motion.profile
+    if profile is None or motion.per_turn is None:
         coefficients = found.record.coefficients(bpfo, _line_count(request, bpfo))
+        profile = None if motion.speed is None else constant(motion.speed, seconds)
     else:
-        coefficients = lines_over_angle(found.record, motion.profile, motion.per_turn)
-    repeats = motion.repeats and levels.spread <= _SAME_PERIOD * levels.rms
+        coefficients = lines_over_angle(found.record, profile, motion.per_turn)
+    repeats = levels.rms <= SILENCE or levels.same(repeats=motion.repeats)
     # Waveform and lines of what fails to repeat are known no better than that.
     unknown = levels.spread / max(levels.rms, SILENCE) if motion.repeats and not repeats else 0.0
     peak_spread = 0.0 if repeats else levels.peak_spread / max(found.peaks[0], SILENCE)
     return Response(
         levels=tuple(zip(rms, peaks, strict=True)),
-        rms_error=error,
-        rms_se=levels.error * share,
+        rms_error=averaged + step.rms,
+        averaging_error=averaged,
+        rms_se=0.0 if repeats or motion.per_turn is not None else levels.error * share,
         peak_error=peak_spread + step.peak,
         waveform_error=max(step.wave, unknown),
         bpfo=bpfo,
         harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
         harmonics_error=np.full(HARMONICS, math.nan),
-        periods=math.floor(request.duration * bpfo),
+        periods=math.floor(seconds * bpfo),
         period_change=math.nan,
-        spread=levels.spread * share,
+        spread=0.0 if repeats else levels.spread * share,
         multiplier=math.nan,
         model=motion.model,
         solver=motion.solver,
-        status=_status(levels, finite=finite, repeats=repeats, steady=motion.per_turn is None),
+        status=_status(levels, finite=finite, steady=motion.per_turn is None),
         rms_band=request.band,
         coefficients=coefficients,
         record=found.record,
         sensors=motion.sensors,
         lines_error=max(step.lines, unknown),
-        profile=motion.profile,
+        profile=profile,
     )
 
 
@@ -329,15 +372,10 @@ def _line_count(request: Request, bpfo: float) -> int:
     return max(HARMONICS, math.ceil((passed if request.lines_to is None else request.lines_to) / bpfo))
 
 
-def _status(levels: _Levels, *, finite: bool, repeats: bool, steady: bool) -> Status:
-    """Return the status; of "inaccurate" and "converged", ``judged`` decides. ``steady``: whether the speed is one."""
+def _status(levels: Levels, *, finite: bool, steady: bool) -> Status:
+    """Return whether there is a level; of all else, ``judged`` decides. ``steady``: whether the speed is one."""
     if not finite or not math.isfinite(levels.rms):
         return "not_converged"
-    if levels.rms <= SILENCE:
-        return "converged"
     # The difference of two halves has twice the standard error of the whole.
-    if steady and levels.drift > max(8.0 * levels.error, _SAME_LEVEL * levels.rms):
-        return "not_converged"
-    if not repeats:
-        return "not_periodic"
-    return "inaccurate"
+    drifts = levels.rms > SILENCE and levels.drift > max(8.0 * levels.error, _SAME_LEVEL * levels.rms)
+    return "not_converged" if steady and drifts else "inaccurate"

@@ -84,7 +84,8 @@ class RingImpactRig(RigParameters):
         pulse_width: its duration, s; two samples at 48 kHz by default.
         fixed_sensor: whether the ring's motion is turned to the direction of the sensor (Eq. 30); without it, it is
             that along the line through the defect.
-        gain: of the path to the sensor and of what the model lacks (section 7); all impacts are multiplied by it.
+        gain: of the path to the sensor and of what the model lacks (section 7); all impacts are multiplied by it. One
+            is that of no measurement (``models.solve.ring_impact.solver.calibrate``): levels then have no unit.
         slip_noise: K_N of Eq. 32: RMS of the noise, m/s2, at a slip speed of 1 m/s and a contact pressure of 1 GPa.
         slip_ratio: slip speed over the speed with which a race passes the cage.
         noise_weights: coefficients of f, the polynomial of defect size over element diameter, lowest power first.
@@ -139,6 +140,11 @@ class RingImpactRig(RigParameters):
             )
         if not self.noise_weights or not all(math.isfinite(weight) for weight in self.noise_weights):
             raise ValueError(f"rig.noise_weights must hold finite numbers, got {self.noise_weights!r}")
+
+    @property
+    def scaled(self) -> bool:
+        """Whether levels have the unit of an acceleration: the gain was set by a measurement, or is vouched for."""
+        return self.gain != 1.0 or self.calibrated is not False
 
     def check_bearing(self, bearing: Bearing) -> None:
         """Raise a ValueError that says why the parameters cannot belong to a bearing."""

@@ -32,8 +32,8 @@ import numpy as np
 from models.machine.bearing import kinematics
 from models.machine.hertz import contact_patches
 from models.machine.load_distribution import conforming
-from models.solve.engine.motion import Motion, passage_rate
-from models.solve.engine.over_time import answer, duration_of
+from models.solve.engine.motion import Motion, Planned, passage_rate
+from models.solve.engine.over_time import answer, duration_of, expected_seconds
 from models.solve.registry import Solver, check_effects
 from models.solve.response import PASSBAND, Response
 from models.solve.ring_impact import kernel as kernels
@@ -174,40 +174,53 @@ def sensor_deflection(
     return squared**-0.5 - radius
 
 
+@dataclass(frozen=True, eq=False)
+class _Forces:
+    """What acts during a run: impacts with the modes that they excite, and noise."""
+
+    impacts: list[tuple[kernels.RingModes, kernels.ImpactPulses, kernels.Turn]]
+    samples: int
+    spectrum: NDArray[np.complex128]
+
+
 class _FromRest:
     """The accelerations of a scene's sensor from t = 0 on, at which it has long been settled."""
 
     def __init__(self, scene: Scene, request: Request) -> None:
-        """Prepare hits, modes and noise, once for all steps."""
-        rig, duration = scene.rig_as(RingImpactRig), duration_of(request, 0.0)
-        self.fastest, self.noise, self._rate = 0.0, noise_level(scene), request.rate
-        self._runs: list[tuple[kernels.RingModes, kernels.ImpactPulses, kernels.Turn]] = []
-        for number, defect in enumerate(scene.defects):
-            if not defect.moves_balls:
-                continue
-            modes = modes_of(scene, defect.part)
-            slowest = -float(np.max(modes.rate.real))
+        """Prepare modes and noise; forces are those of the longest run so far."""
+        self.noise, self._scene, self._request = noise_level(scene), scene, request
+        self._damage = [
+            (number, modes_of(scene, one.part)) for number, one in enumerate(scene.defects) if one.moves_balls
+        ]
+        self.fastest = max((float(np.max(np.abs(modes.rate.imag))) for _, modes in self._damage), default=0.0)
+        self._planned = Planned(self._forces, duration_of(request, 0.0))
+
+    def _forces(self, duration: float) -> _Forces:
+        """Return the forces of a run of some seconds, those before that are still felt among them."""
+        scene, rig = self._scene, self._scene.rig_as(RingImpactRig)
+        impacts: list[tuple[kernels.RingModes, kernels.ImpactPulses, kernels.Turn]] = []
+        for number, modes in self._damage:
+            defect, slowest = scene.defects[number], -float(np.max(modes.rate.real))
             past = -math.log(_FORGOTTEN) / slowest if slowest > 0.0 else math.inf
             for row in range(defect.first_row, defect.first_row + defect.rows):
                 hits = hits_on(scene, number, -past - rig.pulse_width, duration, row)
                 pulses = kernels.ImpactPulses(hits.start, hits.force, rig.pulse_width, _SHAPES[rig.pulse])
                 turn = kernels.Turn(0.0, 0.0)
                 if rig.fixed_sensor:
-                    turn = kernels.Turn(hits.angle - request.direction, hits.rate)
-                self._runs.append((modes, pulses, turn))
-            self.fastest = max(self.fastest, float(np.max(np.abs(modes.rate.imag))))
-        samples = fast_length(math.ceil(duration * request.rate) + 2)
-        self._spectrum = _noise_spectrum(self.noise, samples, rig.noise_seed)
-        self._samples = samples
+                    turn = kernels.Turn(hits.angle - self._request.direction, hits.rate)
+                impacts.append((modes, pulses, turn))
+        samples = fast_length(math.ceil(duration * self._request.rate) + 2)
+        return _Forces(impacts, samples, _noise_spectrum(self.noise, samples, rig.noise_seed))
 
     def __call__(self, steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
         """Return the accelerations of the outer ring, (steps, 1), and whether they are finite."""
-        wave = np.zeros(steps)
+        h, wave = 1.0 / (self._request.rate * oversampling), np.zeros(steps)
+        forces = self._planned.until(steps * h)
         if self.noise > 0.0:
-            wave += oversampling * np.fft.irfft(self._spectrum, self._samples * oversampling)[:steps]
-        for modes, pulses, turn in self._runs:
+            wave += oversampling * np.fft.irfft(forces.spectrum, forces.samples * oversampling)[:steps]
+        for modes, pulses, turn in forces.impacts:
             scratch = np.empty((3, len(modes.rate)), dtype=np.complex128)
-            kernels.add_response(wave, 1.0 / (self._rate * oversampling), modes, pulses, turn, scratch)
+            kernels.add_response(wave, h, modes, pulses, turn, scratch)
         return wave[:, None], bool(np.all(np.isfinite(wave)))
 
 
@@ -224,7 +237,8 @@ def _noise_spectrum(level: float, samples: int, seed: int) -> NDArray[np.complex
 def solve(scene: Scene, request: Request) -> Response:
     """Return the vibration of a scene over the time that a request names.
 
-    Steps are halved until RMS and record meet the accuracy; at the steps themselves the response is exact.
+    Steps are halved until RMS and record meet the accuracy; at the steps themselves the response is exact. The
+    status is "uncalibrated" where the parameters give its levels no unit (``RingImpactRig.scaled``).
 
     Raises:
         ValueError: if the scene or the request is outside what the model describes; the message names it.
@@ -247,7 +261,9 @@ def solve(scene: Scene, request: Request) -> Response:
         passages=passage_rate(scene),
     )
     wished = max(_STEPS_A_PULSE / rig.pulse_width, _STEPS_A_PERIOD * from_rest.fastest / (2.0 * math.pi))
-    return answer(motion, request, 1.0 / wished)
+    found = answer(motion, request, 1.0 / wished)
+    told = rig.scaled or found.rms == 0.0 or found.status == "not_converged"
+    return found if told else replace(found, status="uncalibrated")
 
 
 def _cost(scene: Scene, request: Request) -> float:
@@ -255,7 +271,7 @@ def _cost(scene: Scene, request: Request) -> float:
     rig = scene.rig_as(RingImpactRig)
     fastest = math.sqrt(float(np.max(np.diagonal(matrices(scene)[2]) / np.diagonal(matrices(scene)[0]))))
     rate = max(request.rate, _STEPS_A_PULSE / rig.pulse_width, _STEPS_A_PERIOD * fastest / (2.0 * math.pi))
-    return _SECONDS_A_STEP * rate * request.duration
+    return _SECONDS_A_STEP * rate * expected_seconds(scene, request)
 
 
 def warm() -> None:

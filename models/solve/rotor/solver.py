@@ -18,7 +18,7 @@ import numpy as np
 from models.machine.bearing import kinematics
 from models.machine.hertz import contact_exponent
 from models.solve.engine.motion import Motion, Trajectories, passage_rate, settled
-from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of
+from models.solve.engine.over_time import LOOKED_AT, SECONDS_A_CALL, answer, duration_of, expected_seconds
 from models.solve.registry import Solver, check_effects
 from models.solve.rotor import kernel as kernels
 from models.solve.rotor.plan import at_rest, bearings_of, check_rotor, inverse_mass, prepare_plan, stiffness_of
@@ -209,7 +209,8 @@ class Rigid:
     def cost(self, request: Request) -> float:
         """Return the expected processor time, s."""
         step = min(self.longest_step(), 0.5 / request.rate)
-        steps = (1.0 + 3.0 * LOOKED_AT) * (request.duration + settling(self.scene)) / step
+        seconds = expected_seconds(self.scene, request) + settling(self.scene)
+        steps = (1.0 + 3.0 * LOOKED_AT) * seconds / step
         return SECONDS_A_CALL + self.seconds_a_step * steps
 
 

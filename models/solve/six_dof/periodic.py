@@ -93,7 +93,8 @@ def solve(scene: Scene, request: Request) -> Response:
     accuracy = request.accuracy * (_RMS_OF_WAVE if request.quantity == "waveform" else 1.0)
     found = _judged(scene, request, accuracy)
     for _ in range(_TIGHTENED):
-        if found.status != "inaccurate" or request.steps_per_period is not None or not found.error > request.accuracy:
+        missed = found.status == "inaccurate" and found.repeats and found.error > request.accuracy
+        if request.steps_per_period is not None or not missed:
             break
         accuracy *= 0.5 * request.accuracy / found.error
         found = _judged(scene, request, accuracy)

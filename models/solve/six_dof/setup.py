@@ -21,7 +21,7 @@ from models.machine.bearing import kinematics
 from models.machine.hertz import contact_exponent, contact_forces, element_angles, static_equilibrium
 from models.machine.rig import Rig, natural_frequencies
 from models.path.defect import ball_path, wrap
-from models.solve.engine.over_time import LOOKED_AT
+from models.solve.engine.over_time import LOOKED_AT, expected_seconds
 from models.solve.six_dof.kernels import path as kernel_path
 from models.solve.six_dof.kernels import step as kernels
 from models.solve.six_dof.kernels.period_setup import OperatingPoint
@@ -144,7 +144,7 @@ def time_cost(scene: Scene, request: Request) -> float:
     """Return the expected processor time of a simulation over time, s."""
     lines = kinematics(scene.bearing, scene.speed)
     looked_at = 1.0 + 3.0 * LOOKED_AT
-    simulated = request.duration + default_settling(lines)
+    simulated = expected_seconds(scene, request) + default_settling(lines)
     return _SECONDS_A_TIME_STEP * looked_at * simulated / longest_step(scene, lines)
 
 

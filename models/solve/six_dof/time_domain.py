@@ -36,8 +36,8 @@ from models.machine.hertz import element_angles
 from models.machine.rig import Rig
 from models.machine.speed_profile import constant
 from models.path.contour import PathPieces, joined, part_paths, pieces
-from models.solve.engine.motion import Motion, lead_in, passage_rate
-from models.solve.engine.over_time import answer, duration_of
+from models.solve.engine.motion import Motion, Planned, lead_in, passage_rate
+from models.solve.engine.over_time import answer, duration_of, timed
 from models.solve.registry import Solver
 from models.solve.response import CASING, Response
 from models.solve.six_dof.kernels import time_domain as kernels
@@ -290,7 +290,8 @@ def _simulate(
     check_scene(scene, TIME_EFFECTS)
     lines = kinematics(scene.bearing, scene.speed)
     dropped = _settling(settle, lines)
-    profile, lead = scene.rotation(request.duration), 0.0
+    request, profile = timed(scene, request)
+    lead = 0.0
     if profile is not None:
         lead = lead_in(dropped, request.rate)
         dropped = lead - 0.5 / request.rate
@@ -304,8 +305,9 @@ def _simulate(
         settle=dropped,
         repeats=scene.repeats,
         passages=passage_rate(scene),
-        profile=constant(scene.speed, request.duration) if profile is None else profile,
+        profile=profile,
         per_turn=None if profile is None else lines.bpfo / lines.speed,
+        speed=scene.speed,
     )
     return answer(motion, request, longest_step(scene, lines) if step is None else step, fixed=step is not None)
 
@@ -316,19 +318,20 @@ class _FromRest:
     def __init__(
         self, scene: Scene, request: Request, settle: float, direction: tuple[float, float], lead: float
     ) -> None:
-        """Keep the scene; which ball meets what is planned at the first call, once for all steps."""
-        self._lead = lead
-        self._scene, self._rate, self._direction = scene, request.rate, direction
-        self._duration = duration_of(request, settle)
-        self._plan: kernels.TimePlan | None = None
+        """Keep the scene; which ball meets what is planned with the first run, once for all steps."""
+
+        def plan_of(seconds: float) -> kernels.TimePlan:
+            plan = prepare_plan(scene, seconds, lead)
+            plan.parameter[P_DIRECTION_1], plan.parameter[P_DIRECTION_2] = direction
+            return plan
+
+        self._rate, self._planned = request.rate, Planned(plan_of, duration_of(request, settle))
 
     def __call__(self, steps: int, oversampling: int) -> tuple[NDArray[np.float64], bool]:
         """Return the accelerations of casing and resonator, (steps, 2), and whether they are finite."""
-        if self._plan is None:
-            self._plan = prepare_plan(self._scene, self._duration, self._lead)
-            self._plan.parameter[P_DIRECTION_1], self._plan.parameter[P_DIRECTION_2] = self._direction
+        h = 1.0 / (self._rate * oversampling)
         wave = np.empty((steps, 2))
-        status = kernels.run(np.zeros((2, 6)), wave, 1.0 / (self._rate * oversampling), self._plan)
+        status = kernels.run(np.zeros((2, 6)), wave, h, self._planned.until(steps * h))
         return wave, status == STATUS_OK
 
 

@@ -32,6 +32,7 @@ from monitor.commands.common import (
 )
 from monitor.commands.model_parameters import further_effects, with_machine, with_parameters
 from monitor.commands.simulate.scene import (
+    NO_UNIT,
     WAVEFORM_RATE,
     compare,
     compared_lines,
@@ -80,7 +81,7 @@ _USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
 @click.option("--gravity/--no-gravity", default=False, help="Add gravity on the masses, along the load.")
 @click.option("--slip-deg", type=click.FloatRange(0, 28), default=0.0, help="Largest slip angle.")
 @click.option("--slip-rule", type=click.Choice(["per_passage", "mean_force"]), default="per_passage")
-@click.option("--duration-s", type=click.FloatRange(0.01, 60.0), help="Time to simulate; default 1, or the profile's.")
+@click.option("--duration-s", type=click.FloatRange(0.01, 60.0), help="Default: as --accuracy needs; 1 for files.")
 @click.option(
     "--model",
     type=click.Choice([AUTO, *MODELS, *brought("simulate")]),
@@ -103,7 +104,7 @@ def command(config_path: Path | None, name: str | None, as_json: bool, **options
     """Simulate a bearing with a defect and print RMS, peak and lines.
 
     A motion that repeats with the ball passage is solved for one period; any other (a rotating defect, several defects,
-    an unbalance, slip) is simulated for --duration-s and averaged, with its standard error.
+    an unbalance, slip) is simulated over time and averaged, with its standard error.
 
     --model gear_train simulates the train of [gear] instead.
     """
@@ -150,7 +151,7 @@ def _answer(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
     if options["waveform"] is not None:
         signal = response.acceleration(WAVEFORM_RATE, options["duration_s"], sensor=sensor)
         tacho = None if options["tacho"] is None else tacho_signal(response, scene, options, WAVEFORM_RATE)
-        _write_waveform(options["waveform"], signal, sensor, tacho)
+        _write_waveform(options["waveform"], signal, sensor, response.status, tacho)
     if options["plot"] is not None:
         _plot(response, options, scene, sensor)
     return _values(response, scene, sensor) | speed_values(scene, options["duration_s"])
@@ -271,9 +272,9 @@ def _defect(options: dict[str, Any], part: Part, dphi: float, h_d: float, **plac
     )
 
 
-def _write_waveform(path: Path, signal: Any, sensor: Sensor, tacho: Any = None) -> None:
+def _write_waveform(path: Path, signal: Any, sensor: Sensor, status: str, tacho: Any = None) -> None:
     """Write time, signal and the tacho where there is one, replacing the file in one step."""
-    one, text = unit_of_sensor(sensor)
+    one, text = unit_of_sensor(sensor, status)
     columns = [np.arange(signal.size) / WAVEFORM_RATE, signal / one, *(() if tacho is None else (tacho,))]
     rows = np.column_stack(columns)
     header = f"time_s,{data_name(MEASURED[sensor], text)}" + ("" if tacho is None else ",tacho_v")
@@ -284,6 +285,8 @@ def _write_waveform(path: Path, signal: Any, sensor: Sensor, tacho: Any = None) 
 def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
     words = unit_of_sensor(values["sensor"])[1]
     unit = unit_in_names(words)
+    if values["status"] == "uncalibrated":
+        words = "(no unit)"
     rms, se, peak, spread = (values[f"{name}_{unit}"] for name in ("rms", "rms_se", "peak", "spread"))
     level = "RMS unknown" if rms is None else f"RMS {rms:.4g} {words}"
     if se is not None:
@@ -293,7 +296,7 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
     if values["quantity"] != "rms":
         error = "unknown" if values["error"] is None else f"{100.0 * values['error']:.2g} %"
         level += f" (error of {values['quantity']} {error})"
-    if values["status"] == "not_periodic" and spread:
+    if spread:
         level += f", {spread:.2g} {words} from period to period"
     if peak is not None:
         level += f", peak {peak:.4g} {words}"
@@ -303,6 +306,11 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
     harmonics = ", ".join("-" if a is None else f"{a:.3g}" for a in values[f"harmonics_{unit}"])
     yield f"BPFO {values['bpfo_hz']:.2f} Hz, its harmonics {harmonics} {words}"
     yield from speed_lines(values, scene)
+    yield from _remarks(values, scene)
+
+
+def _remarks(values: dict[str, Any], scene: Scene) -> Iterator[str]:
+    """Yield the lines for people that only some scenes have."""
     if any(defect.part != "outer" for defect in scene.defects):
         yield (
             f"BPFI {values['bpfi_hz']:.2f} Hz, twice BSF {2.0 * values['bsf_hz']:.2f} Hz, FTF {values['ftf_hz']:.2f} Hz"
@@ -311,6 +319,8 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
         yield f"floor {floor_of_defect('rough', scene.defect.floor.sd)}"
     if values["why"] is not None:
         yield values["why"]
+    if values["status"] == "uncalibrated":
+        yield f"{values['model']}: {NO_UNIT}"
     if unknown := [one["effect"] for one in values["left_out"] if one["bound"] is None]:
         yield f"configured, but left out by {values['model']}: {', '.join(unknown)}"
     if scene.defect is None:

@@ -16,7 +16,7 @@ from models.machine.shaft_marks import ShaftMarks, as_channel, time_of_turns
 from models.machine.speed_profile import SpeedProfile, coast_down, constant, hunt, ramp, table
 from models.solve.registry import MODELS
 from models.solve.response import PASSBAND
-from models.words.request import Request
+from models.words.request import USUAL_SECONDS, Request
 from monitor.commands import option
 from monitor.commands.common import finite, write_plot
 from monitor.commands.model_parameters import able_models, missing_effects, with_parameters
@@ -31,9 +31,10 @@ if TYPE_CHECKING:
     from monitor.config.load import Config
 
 F = TypeVar("F", bound=Callable[..., Any])
-_USUAL_SECONDS = 1.0
+_RECORDS = ("waveform", "plot")
 _MOST_SECONDS = 60.0
 _COLUMNS = ("time_s", "speed_hz")
+NO_UNIT = "levels without a unit, until one defect of known level sets the gain"
 
 
 @dataclass(frozen=True)
@@ -128,13 +129,17 @@ def with_speeds(function: F) -> F:
 def settle_speeds(options: dict[str, Any], given: dict[str, Any]) -> None:
     """Set duration, speed and profile in the options, from those that were given.
 
+    The duration stays open where nothing but levels of one speed are asked for.
+
     Raises:
         ValueError: if the options contradict each other.
     """
     spec: SpeedSpec | None = options["speed_profile"]
-    if options["duration_s"] is None:
-        own = None if spec is None else spec.seconds
-        options["duration_s"] = _USUAL_SECONDS if own is None else min(own, _MOST_SECONDS)
+    recorded = any(options[name] is not None for name in _RECORDS)
+    own = None if spec is None else spec.seconds
+    usual = USUAL_SECONDS if own is None else min(own, _MOST_SECONDS)
+    if options["duration_s"] is None and (recorded or spec is not None or options["speed_slope_hz_per_s"] != 0.0):
+        options["duration_s"] = usual
     if options["tacho"] is not None and options["waveform"] is None:
         raise ValueError("--tacho is a column of --waveform, which is not given")
     for name in ("error_deg", "jitter_us", "missing", "extra"):
@@ -142,17 +147,17 @@ def settle_speeds(options: dict[str, Any], given: dict[str, Any]) -> None:
             raise ValueError(f"--tacho-{name.replace('_', '-')} belongs to --tacho")
     if spec is None:
         return
-    options["speed_profile"] = profile = spec.profile(options["duration_s"])
+    seconds = float(options["duration_s"] or usual)
+    options["speed_profile"] = profile = spec.profile(seconds)
     if "speed_hz" not in given:
         # Of what is simulated: a profile may be longer.
-        seconds = options["duration_s"]
         options["speed_hz"] = float(profile.turns_at(seconds)) / seconds
 
 
-def speed_values(scene: Scene, seconds: float) -> dict[str, Any]:
+def speed_values(scene: Scene, seconds: float | None) -> dict[str, Any]:
     """Return what is printed of a speed that changes: nothing where it does not."""
-    profile = scene.rotation(seconds)
-    if profile is None:
+    profile = None if seconds is None else scene.rotation(seconds)
+    if seconds is None or profile is None:
         return {}
     low, high = profile.part(0.0, seconds).speed_range
     return {"speed_min_hz": low, "speed_max_hz": high, "revolutions": float(profile.turns_at(seconds))}
@@ -257,19 +262,19 @@ def compare(scene: Scene, config: Config, entry: CatalogueEntry, options: dict[s
 
 
 def _row(found: Response, seconds: float) -> dict[str, Any]:
-    """Return what a comparison says of one model; levels are in g, of a speed in rad/s."""
+    """Return what a comparison says of a model: levels in g, of a speed in rad/s, null where they have no unit."""
     sensor = found.sensors[0]
     scale, text = unit_of_sensor(sensor)
-    unit = unit_in_names(text)
+    unit, known = unit_in_names(text), found.status != "uncalibrated"
     return {
         "model": found.model,
         "solver": found.solver,
         "sensor": sensor,
         "status": found.status,
-        f"rms_{unit}": finite(found.rms / scale),
+        f"rms_{unit}": finite(found.rms / scale) if known else None,
         "rms_error": finite(found.rms_error),
-        f"peak_{unit}": finite(found.peak / scale),
-        f"harmonics_{unit}": [finite(float(line) / scale) for line in found.harmonics],
+        f"peak_{unit}": finite(found.peak / scale) if known else None,
+        f"harmonics_{unit}": [finite(float(line) / scale) for line in found.harmonics] if known else None,
         "seconds": seconds,
     }
 
@@ -285,6 +290,9 @@ def compared_lines(values: dict[str, Any]) -> Iterator[str]:
         )
     yield "each model with parameters of its own, at its first sensor: levels need not agree"
     yield "error: of the RMS, relative, estimated; time: of the processor, in a second call, without compiling"
+    for row in values["models"]:
+        if row["status"] == "uncalibrated":
+            yield f"{row['model']}: {NO_UNIT}"
     for model, reason in values["refused"].items():
         yield f"{model}: not compared: {reason}"
 

@@ -56,7 +56,9 @@ def compared_sheet(scene: Scene, answers: Mapping[str, Response]) -> Sheet:
     """
     fundamental, name = fundamental_of(scene)
     found = [
-        _Model(f"{model} ({PLACES[sensor]})", unit_of_sensor(sensor), signal_of(answer, sensor, fundamental))
+        _Model(
+            f"{model} ({PLACES[sensor]})", unit_of_sensor(sensor, answer.status), signal_of(answer, sensor, fundamental)
+        )
         for model, answer in answers.items()
         if np.all(np.isfinite(answer.levels[0])) and answer.rms > 0.0
         for sensor in answer.sensors[:1]

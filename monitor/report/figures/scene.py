@@ -172,7 +172,7 @@ def scene_sheet(
     """Return the report of a scene (thesis, Figs. 47, 48 and 53), with the orbits of its shaft where they are given."""
     place = PLACES[sensor]
     band = "over full bandwidth" if sensed.band is None else f"in {sensed.band[0]:g} to {sensed.band[1]:g} Hz"
-    one, unit = unit_of_sensor(sensor)
+    one, unit = unit_of_sensor(sensor, sensed.status)
     lead = f"RMS {figure(sensed.rms / one)} {unit} {band} on the {place} ({sensed.status.replace('_', ' ')})."
     parts = [_signal_part(scene, sensed, sensor)]
     # Only this model has its balls follow the contour of the defect.
@@ -243,7 +243,7 @@ def ways(scene: Scene, defect: Defect) -> dict[str, tuple[Values, Values]]:
 
 
 def _signal_part(scene: Scene, sensed: SensorSignal, sensor: Sensor) -> Part:
-    one, unit = unit_of_sensor(sensor)
+    one, unit = unit_of_sensor(sensor, sensed.status)
     quantity = MEASURED[sensor]
     since, until = float(sensed.time[0]), float(sensed.time[-1])
     # What was recorded begins after the motion settled, wherever the cage is then.
@@ -307,7 +307,7 @@ def _deepest(found: Mapping[str, tuple[Values, Values]]) -> float:
 
 
 def _spectrum_part(scene: Scene, sensed: SensorSignal, sensor: Sensor) -> Part:
-    one, unit = unit_of_sensor(sensor)
+    one, unit = unit_of_sensor(sensor, sensed.status)
     fundamental, name = fundamental_of(scene)
     modes = resonances(scene)
 
@@ -338,7 +338,7 @@ def show_spectrum(
     axes: Axes, sensed: SensorSignal, band: tuple[float, float], modes: Sequence[float] | Values, sensor: Sensor = "mo"
 ) -> None:
     """Draw the part of a spectrum within a band, Hz, in the unit of a sensor, with natural frequencies dotted."""
-    one, unit = unit_of_sensor(sensor)
+    one, unit = unit_of_sensor(sensor, sensed.status)
     inside = (sensed.frequency >= band[0]) & (sensed.frequency <= band[1])
     x, y = sensed.frequency[inside], sensed.amplitude[inside] / one
     if sensed.periodic:

@@ -73,7 +73,8 @@ def test_the_time_domain_has_the_same_contacts() -> None:
     assert over_time.status == "converged"
     assert over_time.rms == pytest.approx(found.rms, rel=3e-3)
     inner = simulate_time(replace(SCENE, defect=replace(SPALL, part="inner")), 0.2, 25600.0)
-    assert inner.status == "not_periodic"
+    assert inner.status in ("not_periodic", "inaccurate")
+    assert not inner.repeats
     assert inner.rms > 0.1 * found.rms
 
 

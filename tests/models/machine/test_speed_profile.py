@@ -112,7 +112,8 @@ def test_a_response_says_how_the_shaft_turned_and_its_lines_are_over_the_angle()
     profile = ramp(20.0, 40.0, 1.0)
     found = simulate_time(replace(scene, speed_profile=profile), 1.0, 25600.0, settle=0.1)
     steady = simulate_time(scene, 1.0, 25600.0, settle=0.1)
-    assert found.status == "not_periodic"
+    assert found.status in ("not_periodic", "inaccurate")
+    assert not found.repeats
     assert found.profile == profile
     time = np.arange(25600) / 25600.0
     assert found.turns() == pytest.approx(20.0 * time + 10.0 * time**2, abs=1e-9)

@@ -188,7 +188,8 @@ def test_an_estimate_beyond_the_accuracy_is_said() -> None:
     """The mean over so short a time is not known to it."""
     scene = scene_of(BALLS, unbalance=5e-3)
     found = simulate(scene, accuracy=1e-3, duration=0.2, rate=25600.0)
-    assert found.status == "not_periodic"
+    assert found.status == "inaccurate"
+    assert not found.repeats
     assert found.error > 1e-3
     assert found.why is not None
     assert "its own estimate of the error" in found.why

@@ -60,7 +60,7 @@ def simulate(*options: str) -> dict[str, Any]:
 )
 def test_what_has_no_ball_period_has_a_spread(options: list[str]) -> None:
     values = simulate(*options)
-    assert values["status"] == "not_periodic"
+    assert values["status"] == ("not_periodic" if values["error"] <= 1e-3 else "inaccurate")
     assert values["spread_g"] > 0.0
     assert 0.0 < values["rms_se_g"] < values["rms_g"] <= values["peak_g"]
     assert values["period_change"] is None
@@ -130,7 +130,7 @@ def test_several_defects_at_once() -> None:
 
 def test_people_read_the_lines_of_the_part() -> None:
     result = CliRunner().invoke(command, [*PIT, "--fault", "inner"], catch_exceptions=False)
-    assert "not_periodic" in result.stdout
+    assert "from period to period" in result.stdout
     assert "standard error" in result.stdout
     assert "BPFI 284.38 Hz" in result.stdout
 

@@ -115,9 +115,27 @@ def test_all_models_that_describe_a_scene_are_compared(tmp_path: Path) -> None:
     models = {row["model"] for row in found["models"]}
     assert {"six_dof", "rotor"} <= models
     assert models | set(found["refused"]) == set(MODELS)
-    assert all(row["rms_rad_s" if row["sensor"] == "ias" else "rms_g"] > 0.0 for row in found["models"])
+    for row in found["models"]:
+        level = row["rms_rad_s" if row["sensor"] == "ias" else "rms_g"]
+        assert level is None if row["status"] == "uncalibrated" else level > 0.0
+    assert [row["model"] for row in found["models"] if row["status"] == "uncalibrated"] == ["ring_impact"]
     page = picture.read_text(encoding="utf-8")
     assert all(f"{model} (" in page for model in models)
+
+
+def test_levels_without_a_unit_are_not_given_in_g() -> None:
+    alone, others = (
+        CliRunner().invoke(command, [*DAMAGED, *asked], catch_exceptions=False).stdout.splitlines()
+        for asked in (["--model", "ring_impact"], ["--compare"])
+    )
+    assert alone[0].startswith("uncalibrated after")
+    assert "(no unit)" in alone[0]
+    assert not any(line.endswith(" g") for line in alone)
+    row = next(line for line in others if line.startswith("ring_impact "))
+    assert "uncalibrated" in row
+    assert " g" not in row
+    for lines in (alone, others):
+        assert any(line.startswith("ring_impact: levels without a unit") for line in lines)
 
 
 def test_what_lacks_effects_of_a_compared_scene_is_said() -> None:

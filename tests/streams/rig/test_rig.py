@@ -180,7 +180,8 @@ def test_a_motion_that_does_not_repeat_is_simulated_for_the_whole_block():
     rig = open_rig("rig:ferrara?seed=2&model=rotor&healthy_blocks=1&blocks=9", "rig")
     response = rig._simulate(replace(rig.scene(9, 40.0, 4000.0), unbalance=0.01))
     assert response.record is not None
-    assert response.status == "not_periodic"
+    assert response.status in ("not_periodic", "inaccurate")
+    assert not response.repeats
     period = RATE / response.bpfo
     early, late = rig._sampled(response, 0.0), rig._sampled(response, 2.0 * np.pi * 100.0 / period)
     assert early.size == late.size == 128000

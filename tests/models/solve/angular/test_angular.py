@@ -193,7 +193,8 @@ def test_a_hunting_shaft_follows_its_profile_and_says_how_it_turned() -> None:
     scene = replace(SCENE, rig=replace(SCENE.rig, mode_limit=10e3), speed_profile=profile)
     found = solve(scene, Request(duration=0.2, rate=12800.0, accuracy=0.1))
     assert found.profile == profile
-    assert found.status == "not_periodic"
+    assert found.status in ("not_periodic", "inaccurate")
+    assert not found.repeats
     turns, time = found.turns(), np.arange(2560) / 12800.0
     assert turns - profile.turns_at(time) == pytest.approx(0.0, abs=2e-3)
     speed = np.gradient(turns, time)

@@ -204,7 +204,8 @@ def test_noise_has_its_level_and_leaves_kurtosis_three() -> None:
     noisy = replace(SCENE.healthy, rig=replace(RIG, slip_noise=2.0 / noise_level(SCENE.healthy, 1.0)))
     assert noise_level(noisy) == pytest.approx(2.0)
     found = simulate(noisy, duration=1.0, rate=25600.0)
-    assert found.status == "not_periodic"
+    assert found.status == "uncalibrated"
+    assert not found.repeats
     assert found.rms == pytest.approx(2.0, rel=0.02)
     assert found.record is not None
     assert kurtosis(found.record.of()) == pytest.approx(3.0, abs=0.1)

@@ -118,7 +118,7 @@ def test_films_of_a_journal_follow_load_and_speed() -> None:
     assert (faster.stiffness, faster.damping) == pytest.approx((outer.stiffness, 0.5 * outer.damping))
     assert np.array_equal(matrices(scene)[2][1], [-outer.stiffness, 2.0 * outer.stiffness, -outer.stiffness])
     found = simulate(scene, duration=0.1, rate=25600.0, accuracy=5e-3)
-    assert found.status == "converged"
+    assert (found.status, found.repeats) == ("uncalibrated", True)
     with pytest.raises(ValueError, match="a film needs a load"):
         simulate(replace(scene, load=0.0), duration=0.1)
 
@@ -195,7 +195,7 @@ def test_settled_response_is_its_fourier_series(shape: Pulse) -> None:
     scene = replace(SCENE, rig=replace(RIG, pulse=shape), defect=replace(DEFECT, position=0.2))
     duration, rate = 12.0 / LINES.bpfo, 40000.0
     found = simulate(scene, duration=duration, rate=rate, accuracy=1e-3)
-    assert found.status == "converged"
+    assert (found.status, found.repeats) == ("uncalibrated", True)
     mass, damping, stiffness = matrices(scene)
     pulses = pulses_of(scene, 0.0, 1.0 / LINES.bpfo)
     k = np.arange(1, 40000)
@@ -385,6 +385,16 @@ def test_rms_alone_is_all_impacts() -> None:
     found = calibrate(RING_CALIBRATION_SCENE, MeasuredLevel(5.0), REQUEST)
     assert found.slip_noise == 0.0
     assert float(np.std(record(replace(RING_CALIBRATION_SCENE, rig=found)))) == pytest.approx(5.0, rel=1e-3)
+
+
+def test_levels_have_a_unit_once_a_measurement_has_set_the_gain() -> None:
+    asked: dict[str, Any] = {"duration": 0.2, "rate": 25600.0, "accuracy": 5e-2}
+    found = calibrate(RING_CALIBRATION_SCENE, MeasuredLevel(5.0), REQUEST)
+    for rig in (found, replace(RING_CALIBRATION_RIG, calibrated="declared")):
+        assert rig.scaled
+        assert simulate(replace(RING_CALIBRATION_SCENE, rig=rig), **asked).status in ("not_periodic", "inaccurate")
+    assert not RING_CALIBRATION_RIG.scaled
+    assert simulate(RING_CALIBRATION_SCENE, **asked).status == "uncalibrated"
 
 
 def test_noise_that_makes_up_an_rms() -> None:

@@ -211,7 +211,8 @@ def test_two_defects_have_the_lines_of_both() -> None:
 def test_an_unbalance_is_a_line_of_the_shaft() -> None:
     response = simulate_time(replace(BASE, unbalance=1e-3), 1.0, RATE)
     heavier = simulate_time(replace(BASE, unbalance=2e-3), 1.0, RATE)
-    assert response.status == "not_periodic"
+    assert response.status in ("not_periodic", "inaccurate")
+    assert not response.repeats
     record = record_of(response)
     assert record.line(40.0) > 20.0 * max(record.line(55.0), record.line(25.0))
     assert record_of(heavier).line(40.0) == pytest.approx(2.0 * record.line(40.0), rel=1e-2)
@@ -226,7 +227,8 @@ def test_waviness_sounds_at_its_order() -> None:
     lines = kinematics(scene.bearing, scene.speed)
     assert record_of(response).line(lines.bpfo) > 1.5 * record_of(healthy).line(lines.bpfo)
     inner = simulate_time(replace(scene, waviness=(Waviness(5e-7, 9, "inner"),)), 1.0, RATE)
-    assert inner.status == "not_periodic"
+    assert inner.status in ("not_periodic", "inaccurate")
+    assert not inner.repeats
     assert record_of(inner).line(lines.bpfi) > 20.0 * record_of(healthy).line(lines.bpfi)
 
 

@@ -37,7 +37,8 @@ def light_scene(seed: int) -> Scene:
 
 def test_an_unstable_orbit_is_not_called_settled() -> None:
     response = simulate(UNSTABLE)
-    assert response.status == "not_periodic"
+    assert response.status in ("not_periodic", "inaccurate")
+    assert not response.repeats
     assert response.multiplier > 1.1
     assert 0.0 < response.rms_error < 0.2
     assert np.all(np.isnan(response.harmonics_error))
@@ -59,7 +60,7 @@ def test_a_stable_orbit_beside_another_motion_is_not_called_settled() -> None:
     assert near.mean > 2.0 * away.mean
     response = simulate(scene)
     assert abs(response.rms - away.mean) < 0.1 * away.mean
-    assert response.status == ("converged" if away.spread < 1e-3 * away.mean else "not_periodic")
+    assert response.repeats == (away.spread < 1e-3 * away.mean)
     assert not simulate_row(scene, np.array([scene.defects[0].dphi_d])).settled[0]
 
 

@@ -1,0 +1,119 @@
+"""Levels of a signal by blocks, and how far the mean of so many blocks may be from that of all time.
+
+A block is the slowest of the periods with which the level swings. Where a motion does not repeat, the mean squares of
+its blocks are a series that may be correlated, and ``mean_error`` tells the error of their mean.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+# Batches that are left at least, of either length.
+_BATCHES = (16, 8)
+# More alike neighbours are not told from a level that drifts.
+_MOST_ALIKE = 0.9
+# Bound of an error over the standard error, 95 %, and what few independent values add to it: twice as much as by
+# Student's t, since a run ends where its own error happens to be small.
+_NORMAL, _FEW = 2.0, 3.0
+# A smaller spread of the RMS from ball period to ball period is due to the steps.
+_SAME_PERIOD = 2e-2
+
+
+class MeanError(NamedTuple):
+    """How well a mean is known.
+
+    Attributes:
+        standard: its standard error, in the unit of the values.
+        independent: of how many independent values it is worth the mean.
+    """
+
+    standard: float
+    independent: float
+
+    @property
+    def bound(self) -> float:
+        """What the error stays within in 95 % of cases."""
+        return _NORMAL * (1.0 + _FEW / max(self.independent - 1.0, 1.0)) * self.standard
+
+
+def mean_error(values: NDArray[np.float64]) -> MeanError:
+    """Return the error of the mean of a stationary series by batch means, at least two values.
+
+    Neighbours are joined into batches, of two lengths: so long that sixteen are left, and eight. Batches count for
+    fewer where neighbouring ones are alike, as those of a memory longer than a batch are; the autocorrelation of a few
+    values is too low by about (1 + 3 r) / n (Kendall 1954). The larger error of both lengths holds. Where the values
+    swing regularly, long batches scatter less than independent ones would, as the error of the mean does.
+    """
+    found: list[MeanError] = []
+    for least in _BATCHES:
+        size = max(1, len(values) // least)
+        count = len(values) // size
+        batches: NDArray[np.float64] = np.mean(values[: count * size].reshape(count, size), axis=1)
+        off = batches - np.mean(batches)
+        square = float(off @ off)
+        if not square > 0.0:
+            found.append(MeanError(0.0, float(count)))
+            continue
+        alike = float(off[1:] @ off[:-1]) / square
+        alike = min(max(alike + (1.0 + 3.0 * alike) / count, 0.0), _MOST_ALIKE)
+        independent = count * (1.0 - alike) / (1.0 + alike)
+        found.append(MeanError(math.sqrt(square / (count - 1) / independent), independent))
+    return max(found, key=lambda one: one.bound)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The level of one signal.
+
+    Attributes:
+        rms: root of the mean square over all whole blocks, m/s2.
+        error: its standard error, m/s2.
+        bound: what its relative error stays within in 95 % of cases.
+        scatter: the relative standard error of as many independent blocks.
+        spread: standard deviation of the RMS from block to block, m/s2.
+        drift: change of the RMS from the first to the second half, m/s2.
+        peak_spread: standard deviation of the largest value from block to block, m/s2.
+    """
+
+    rms: float
+    error: float
+    bound: float
+    scatter: float
+    spread: float
+    drift: float
+    peak_spread: float
+
+    def same(self, *, repeats: bool) -> bool:
+        """Return whether a motion that may repeat, as ``repeats`` says, does."""
+        return repeats and self.spread <= _SAME_PERIOD * self.rms
+
+    def averaging(self, *, repeats: bool) -> float:
+        """Return the relative error of the RMS due to the length; periods of a motion that repeats are no sample."""
+        return self.scatter if self.same(repeats=repeats) else self.bound
+
+
+def levels_of(signal: NDArray[np.float64], blocks: float) -> Levels:
+    """Return the levels over ``blocks`` blocks; the last, broken one is left out, because it would bias the mean."""
+    count = math.floor(blocks + 1e-9)
+    energy = np.concatenate(([0.0], np.cumsum(signal**2)))
+    edges = np.arange(count + 1) * (len(signal) / blocks)
+    means = np.maximum(np.diff(np.interp(edges, np.arange(len(energy)), energy)) / (len(signal) / blocks), 0.0)
+    power, half = float(np.mean(means)), count // 2
+    rms = math.sqrt(power)
+    drift = abs(math.sqrt(np.mean(means[-half:])) - math.sqrt(np.mean(means[:half])))
+    first = np.unique(np.minimum(edges[:-1].astype(np.int64), len(signal) - 1))
+    peaks = np.maximum.reduceat(np.abs(signal), first)
+    spread, peak_spread = float(np.std(np.sqrt(means), ddof=1)), float(np.std(peaks))
+    if not 0.0 < power < math.inf:
+        return Levels(rms, 0.0, 0.0, 0.0, spread, drift, peak_spread)
+    # The relative error of a level is half that of its square.
+    known, scatter = mean_error(means / power), float(np.std(means, ddof=1)) / math.sqrt(count) / power
+    return Levels(rms, 0.5 * known.standard * rms, 0.5 * known.bound, 0.5 * scatter, spread, drift, peak_spread)
