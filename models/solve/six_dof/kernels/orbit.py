@@ -9,7 +9,7 @@ import numpy as np
 
 from models.platform.jit import kernel
 from models.solve.six_dof.kernels.period import ball_period, blank_trace, mean_square
-from models.solve.six_dof.kernels.step import STATUS_OK
+from models.solve.six_dof.kernels.step import STATUS_OK, accelerations, contact
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -133,6 +133,10 @@ def settle(
             felt = _SAFETY * moved / (before - distance)
         # In another direction than those of the search a distance can be felt more.
         expected = felt * distance if number > 1 else _SAFETY * felt * distance
+        # A stiff mode decays within the period, but is felt far more than those that the search goes along.
+        jump = _jump(after, trace, period) / max(level, SILENCE)
+        if jump > expected:
+            expected = jump
         if expected < LEFT * tolerance:
             return number, expected, rms, True, felt
         if number <= plain or _only_rounding(x, after):
@@ -141,6 +145,16 @@ def settle(
         else:
             anderson(xs, fs, known, x)
     return cap, change, rms, False, felt
+
+
+@kernel
+def _jump(after: NDArray[np.float64], trace: PeriodTrace, period: Period) -> float:
+    """Return by how much the state at the end of the period changes the casing's acceleration at its start, m/s2."""
+    x1 = (after[0, 0], after[0, 1], after[0, 2], after[0, 3], after[0, 4], after[0, 5])
+    x2 = (after[1, 0], after[1, 1], after[1, 2], after[1, 3], after[1, 4], after[1, 5])
+    p, first = period.parameter, np.int64(0)
+    f1, f2, _ = contact(x1, x2, p, period.balls, period.nodes, first, first, 0.0)
+    return abs(accelerations(x1, x2, f1, f2, p)[0] - trace.wave[0, 0])
 
 
 @kernel

@@ -12,6 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from models.machine.bearing import Bearing
+from models.machine.rig import Rig
 from models.machine.scene import Defect, Scene
 from models.solve.simulate import simulate
 from models.solve.six_dof.kernels.orbit import (
@@ -280,3 +282,54 @@ def test_simulating_on_stops_where_the_motion_leaves_the_finite_numbers() -> Non
 def test_impossible_limits_are_refused(change: dict[str, Any], word: str) -> None:
     with pytest.raises(ValueError, match=word):
         simulate(SCENE, **change)
+
+
+ROLLERS_OVER_A_PIT = Scene(
+    16.98469,
+    11289.8,
+    Bearing(
+        *("", 10, 2.0 * 0.003224139826723579, 2.0 * 0.012896559306894316, 0.12658009246597612, 1, "roller"),
+        outer_race_radius=0.012896559306894316 + 0.003224139826723579,
+        inner_race_radius=0.012896559306894316 - 0.003224139826723579,
+    ),
+    Rig(
+        m_i=0.86449,
+        m_o=0.176468,
+        m_r=5.99823,
+        m_b=0.00147,
+        k_i=4714314.5,
+        k_r=2747628756.3,
+        k_c=30647839.644,
+        c_i=2490.056,
+        c_r=1103.902,
+        alpha_c=154.9,
+        beta_c=8.65264e-05,
+        element="roller",
+    ),
+    Defect(math.radians(0.97496), 15.9526e-6),
+    clearance=1.489657e-6,
+)
+
+
+@pytest.mark.parametrize(
+    ("share", "shift", "rms"),
+    [
+        (1.0, 0.0, 10.289425874777717),
+        (0.9, 0.0, 10.217807890915715),
+        (1.1, 0.0, 10.354496111758023),
+        (1.0, 1e-3, 10.289422685217458),
+        (1.0, -1e-3, 10.289417638448873),
+    ],
+)
+def test_a_stiff_mode_is_settled_too(share: float, shift: float, rms: float) -> None:
+    """Share of the load, shift of the pit, rad, and RMS of the oracle of periodic motions (relative error 1e-9).
+
+    What an extrapolated state leaves in a stiff mode changed the RMS by 6e-3, on all grids, each of which began there.
+    """
+    assert ROLLERS_OVER_A_PIT.defect is not None
+    defect = replace(ROLLERS_OVER_A_PIT.defect, position=shift)
+    scene = replace(ROLLERS_OVER_A_PIT, load=share * ROLLERS_OVER_A_PIT.load, defect=defect)
+    for accuracy in (1e-3, 1e-4):
+        found = simulate(scene, accuracy=accuracy)
+        assert found.status == "converged"
+        assert found.rms == pytest.approx(rms, rel=found.rms_error)
