@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.machine.scene import Scene
-from models.solve.six_dof.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, settle
+from models.solve.six_dof.kernels.errors import Q_LINES
+from models.solve.six_dof.kernels.orbit import CALM_PERIODS, PLAIN_FIRST, newton_steering, settle
 from models.solve.six_dof.kernels.period import Period, PeriodTrace, ball_period, blank_trace, mean_square
 from models.solve.six_dof.kernels.period_setup import set_up
-from models.solve.six_dof.kernels.settled import R_LINES, R_STEPS, solve
+from models.solve.six_dof.kernels.settled import R_LINES, R_STEPS, ask_again, solve
 from models.solve.six_dof.kernels.step import STATUS_OK
+from models.solve.six_dof.kernels.tangent import tangent_jacobian
 from models.solve.six_dof.periodic import effort_for, steering
 from models.solve.six_dof.setup import LEAST_IN_SEGMENT, damaged_rows, defect_arrays, operating_point, steps_for
 from models.words.request import Request
@@ -41,9 +44,10 @@ class Solved:
         return int(self.found[R_STEPS])
 
 
-def solve_scene(scene: Scene, accuracy: float, tolerance: float | None = None) -> Solved:
+def solve_scene(scene: Scene, accuracy: float, tolerance: float | None = None, steps: int | None = None) -> Solved:
     """Search a scene's motion that repeats as ``simulate`` does first, and show on which grid it ended."""
-    healthy, effort = scene.healthy, effort_for(scene, Request(accuracy=accuracy, tolerance=tolerance))
+    request = Request(accuracy=accuracy, tolerance=tolerance, steps_per_period=steps)
+    healthy, effort = scene.healthy, effort_for(scene, request)
     path, profile = defect_arrays(scene.bearing, scene.defect)
     steer, found = steering(healthy), np.empty(R_LINES + 2 * effort.harmonics)
     period, state, _ = solve(
@@ -51,6 +55,18 @@ def solve_scene(scene: Scene, accuracy: float, tolerance: float | None = None) -
         *(np.eye(12) if steer is None else steer, effort, found),
     )
     return Solved(period, state, found)
+
+
+def ask(scene: Scene, solved: Solved, accuracy: float) -> Callable[[], int]:
+    """Return what takes a second opinion of a solved scene, and returns the periods that it takes."""
+    path, profile = defect_arrays(scene.bearing, scene.defect)
+    steer = newton_steering(tangent_jacobian(solved.state, solved.period)[0])
+    effort = effort_for(scene, Request(accuracy=accuracy))
+    fold, values = round(solved.steps / len(period_of(scene).nodes.turn)), np.zeros(Q_LINES + effort.harmonics)
+    return lambda: ask_again(
+        *(path, profile, damaged_rows(scene.defect), operating_point(scene.healthy), solved.state, steer, effort),
+        *(fold, 1, effort.tolerance, math.inf, values),
+    )
 
 
 def run(period: Period, state: NDArray[np.float64], trace: PeriodTrace) -> NDArray[np.float64]:

@@ -94,12 +94,14 @@ class LeftOut(NamedTuple):
 class Response:
     """The settled vibration of one scene, in m/s2 (sensor "ias": rad/s).
 
-    What is said of errors, harmonics and spread is that of the first sensor.
+    What is said of errors, harmonics and spread is that of the first sensor. Each quantity has an error of its own,
+    whatever was asked for; the status is that of the quantity that was.
 
     Attributes:
         levels: RMS (over several periods where the motion does not repeat) and largest absolute value of each sensor
             in ``rms_band``; ``rms`` and ``peak`` are those of the first.
-        rms_error: relative error of ``rms``, estimated: that of the steps from halving them, and where the motion does
+        rms_error: relative error of ``rms``, estimated: that of the steps from halving them (and a second opinion:
+            models.solve.six_dof.kernels.settled), and where the motion does
             not repeat ``averaging_error`` beside it.
         averaging_error: the part of ``rms_error`` that is left by the length of the time averaged; where the motion
             does not repeat, 95 % of such errors are within it.

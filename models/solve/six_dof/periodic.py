@@ -8,7 +8,7 @@ The motion that repeats is searched with steps that are halved until the estimat
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -19,6 +19,7 @@ from models.machine.rig import Rig
 from models.solve.registry import Solver
 from models.solve.response import HARMONICS, Response, Status, band_lines, judged, levels_of_lines, lines_error
 from models.solve.six_dof.kernels import settled as kernels
+from models.solve.six_dof.kernels.errors import Q_LINES, Q_RMS, Q_WAVE
 from models.solve.six_dof.kernels.orbit import STATE_SCALE
 from models.solve.six_dof.kernels.settled import Effort, fourier_coefficients, largest
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
@@ -43,15 +44,14 @@ if TYPE_CHECKING:
 
     from models.machine.scene import Scene
     from models.solve.six_dof.kernels.period import Period, PeriodTrace
+    from models.words.request import Quantity
 
-# Accuracy of the RMS that is asked for over that of the waveform (models.solve.six_dof.kernels.settled takes the RMS
-# for at least as wrong), and times that it is asked for again where the quantity is not met.
-_RMS_OF_WAVE = 0.25
-_TIGHTENED = 3
+# What the kernel halves the steps for; the volume is told by the RMS.
+_QUANTITIES: dict[Quantity, int] = {"waveform": Q_WAVE, "rms": Q_RMS, "lines": Q_LINES, "v_eq": Q_RMS}
+# Share of the accuracy of a waveform that is left to its steps: where it is summed from lines it is less exact.
+_OF_WAVE = 0.25
 # Relative change of the RMS from period to period that counts as none, as a share of the accuracy.
 SETTLING_SHARE = 1e-2
-# A smaller one is rounding.
-_LEAST_TOLERANCE = 1e-11
 # Periods of the accelerated search on one grid.
 SEARCHED = 60
 # Times that a motion is simulated on before its level is taken as one that drifts.
@@ -76,8 +76,9 @@ _GRIDS = 12
 # The Jacobian only steers the search for the orbit, so few steps suffice.
 _JACOBIAN_STEPS = 96
 _WORST_CONDITION = 1e10
-# Estimated error of a line over its change by the last halving of the steps.
-CHANGE_TO_ERROR = 1.0 / 3.0
+# Standard errors of a mean over ten parts that bound its error in 95 of 100 (Student).
+_SURE = 2.26
+# No finer accuracy is asked of the steps.
 _LEAST_ERROR = 1e-9
 # A smaller peak counts as zero, m/s2.
 _SMALL = 1e-9
@@ -90,24 +91,11 @@ def solve(scene: Scene, request: Request) -> Response:
         ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
     check_scene(scene)
-    accuracy = request.accuracy * (_RMS_OF_WAVE if request.quantity == "waveform" else 1.0)
-    found = _judged(scene, request, accuracy)
-    for _ in range(_TIGHTENED):
-        missed = found.status == "inaccurate" and found.repeats and found.error > request.accuracy
-        if request.steps_per_period is not None or not missed:
-            break
-        accuracy *= 0.5 * request.accuracy / found.error
-        found = _judged(scene, request, accuracy)
-    return found
-
-
-def _judged(scene: Scene, request: Request, accuracy: float) -> Response:
-    """Return the response with an accuracy of its RMS, judged by what a request asks."""
-    return judged(_solve(scene, replace(request, accuracy=max(accuracy, _LEAST_ERROR))), request)
+    return judged(_solve(scene, request), request)
 
 
 def _solve(scene: Scene, request: Request) -> Response:
-    """Return the response with steps at which the RMS meets the accuracy of a request."""
+    """Return the response with steps at which its quantity meets the accuracy of a request."""
     effort = effort_for(scene, request)
     search = _Search(scene, effort, request.direction)
     orbit = search.settle(np.zeros((2, 6)))
@@ -143,9 +131,10 @@ def effort_for(scene: Scene, request: Request, harmonics: int = HARMONICS) -> Ef
             the band or the lines; the message names it.
     """
     check_resonance(scene.healthy)
-    tolerance = request.tolerance
+    accuracy, tolerance = request.accuracy, request.tolerance
+    accuracy = max(accuracy * (_OF_WAVE if request.quantity == "waveform" else 1.0), _LEAST_ERROR)
     if tolerance is None:
-        tolerance = max(SETTLING_SHARE * request.accuracy, _LEAST_TOLERANCE)
+        tolerance = max(SETTLING_SHARE * accuracy, kernels.LEAST_TOLERANCE)
     steps, grids = steps_for(scene), _GRIDS
     if request.steps_per_period is not None:
         steps, grids = math.ceil(0.5 * request.steps_per_period), 2
@@ -161,7 +150,8 @@ def effort_for(scene: Scene, request: Request, harmonics: int = HARMONICS) -> Ef
         least=LEAST_IN_SEGMENT,
         grids=grids,
         most=MOST_STEPS,
-        accuracy=request.accuracy,
+        accuracy=accuracy,
+        quantity=_QUANTITIES[request.quantity],
         tolerance=tolerance,
         cap=SEARCHED,
         low=low,
@@ -250,22 +240,18 @@ def _repeating(scene: Scene, orbit: _Orbit, request: Request, earlier: int = 0) 
     """Return the response of a motion that repeats."""
     period, found = orbit.period, orbit.found
     coefficients = fourier_coefficients(orbit.trace, period, _line_count(scene, period, request))
-    peak = np.array([largest(orbit.trace.wave, period.first, sensor, 1) for sensor in (0, 1)])
-    coarse = largest(orbit.trace.wave, period.first, 0, 2)
-    error, wave_error = float(found[kernels.R_ERROR]), float(found[kernels.R_WAVE])
-    lines = found[kernels.R_LINES :].reshape(2, HARMONICS)
+    peak = np.array([largest(orbit.trace.wave, period.first, sensor) for sensor in (0, 1)])
     return _response(
         *(scene, request, coefficients, found[kernels.R_POWER : kernels.R_POWER + 2], peak),
         periods=earlier + orbit.periods,
         change=float(found[kernels.R_CHANGE]),
         spread=0.0,
-        error=error,
+        error=float(found[kernels.R_ERROR]),
         standard_error=0.0,
-        # What lies between the points, as seen at every other one, and the change of the points by the last halving.
-        peak_error=abs(float(peak[0]) - coarse) / max(float(peak[0]), _SMALL) + wave_error,
-        waveform_error=wave_error,
+        peak_error=float(found[kernels.R_PEAK]),
+        waveform_error=float(found[kernels.R_WAVE]),
         multiplier=orbit.multiplier,
-        harmonics_error=np.abs(lines[1]) * CHANGE_TO_ERROR,
+        harmonics_error=found[kernels.R_LINES + HARMONICS :].copy(),
         # "judged" tells whether it is accurate.
         status="inaccurate",
     )
@@ -278,7 +264,7 @@ def _not_repeating(scene: Scene, motion: PeriodicMotion, orbit: _Orbit, request:
         periods=periods,
         change=motion.change,
         spread=motion.spread,
-        error=motion.standard_error,
+        error=_SURE * motion.standard_error,
         standard_error=motion.standard_error,
         peak_error=motion.peak_spread,
         waveform_error=math.nan,
@@ -309,14 +295,15 @@ def _response(
     """Return the response; the errors are relative."""
     rms, bpfo = np.sqrt(power), kinematics(scene.bearing, scene.speed).bpfo
     if request.band is not None:
-        # The error of the waveform is known over full bandwidth.
-        whole = float(rms[0])
+        # The error of the peak is known over full bandwidth.
+        whole = float(peak[0])
         rms, peak = levels_of_lines(coefficients, bpfo, request.band)
-        peak_error *= whole / max(float(rms[0]), _SMALL)
+        peak_error *= whole / max(float(peak[0]), _SMALL)
     harmonics = 2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1])
     return Response(
         levels=tuple(zip(rms.tolist(), peak.tolist(), strict=True)),
         rms_error=error,
+        averaging_error=_SURE * standard_error,
         rms_se=standard_error * float(rms[0]),
         peak_error=peak_error,
         waveform_error=waveform_error,

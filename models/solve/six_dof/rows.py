@@ -14,7 +14,7 @@ from models.solve.six_dof.kernels import settled as kernels
 from models.solve.six_dof.kernels.lanes import LANES
 from models.solve.six_dof.kernels.path import D_HALF
 from models.solve.six_dof.lanes import LaneOptions, LaneRunner
-from models.solve.six_dof.periodic import CHANGE_TO_ERROR, effort_for, steering
+from models.solve.six_dof.periodic import effort_for, steering
 from models.solve.six_dof.setup import check_scene, damaged_rows, defect_arrays, operating_point
 from models.words.request import Request
 
@@ -110,7 +110,7 @@ def _as_row(found: NDArray[np.float64]) -> Row:
         multiplier=radius,
         periods=found[:, kernels.R_PERIODS].astype(np.int64),
         harmonics=lines[:, :HARMONICS],
-        harmonics_error=np.abs(lines[:, HARMONICS:]) * CHANGE_TO_ERROR,
+        harmonics_error=lines[:, HARMONICS:],
     )
 
 

@@ -1,4 +1,9 @@
-"""Kernels that settle a scene with steps that are halved until the RMS no longer changes, and measure its period."""
+"""Kernels that settle a scene with steps that are halved until what is asked for no longer changes, and measure it.
+
+Grids that are halved share their places: what one misses, an impact between two places, the next may miss as well, and
+both agree. Where contacts say that this may be so, the motion is therefore settled once more on a grid that shares
+nothing with the last but the ends of the segments, and what both differ by enters the errors.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +13,19 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import kernel
+from models.solve.six_dof.kernels.errors import (
+    Q_LINES,
+    Q_PEAK,
+    Q_RMS,
+    Q_WAVE,
+    asked_error,
+    blank_levels,
+    judge,
+    judge_again,
+    largest_line,
+    line_unit,
+    relative,
+)
 from models.solve.six_dof.kernels.orbit import (
     CALM_PERIODS,
     PLAIN_FIRST,
@@ -26,22 +44,25 @@ from models.solve.six_dof.kernels.tangent import tangent_jacobian
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.solve.six_dof.kernels.errors import Levels
     from models.solve.six_dof.kernels.period import Period, PeriodTrace
     from models.solve.six_dof.kernels.period_setup import OperatingPoint
 
-# Places in a row of ``found``.
+# Places in a row of ``found``. All errors are estimated: those of the steps, and what is left to settle.
 R_RMS = 0  # in the band, m/s2
 R_CHANGE = 1  # relative change of the full-bandwidth RMS by the last period, or expected by the next
 R_SETTLED = 2  # 1 where the search ended
 R_PERIODS = 3  # simulated, of all grids of steps
-R_ERROR = 4  # relative error of the RMS due to the steps and what is left to settle, estimated
+R_ERROR = 4  # relative error of the RMS
 R_RADIUS = 5  # largest absolute Floquet multiplier
 R_STEPS = 6  # of the last grid
-R_WAVE = 7  # relative change of the waveform by the last halving of the steps (RMS)
-R_DELTA = 8  # relative change of the RMS by it
+R_WAVE = 7  # relative error of the waveform (RMS)
+R_HALVED = 8  # relative error of the RMS as halving alone tells it
 R_PARTED = 9  # 1 where the rings part for a moment, so that no ball is in contact
 R_POWER = 10  # mean squares of outer ring and resonator, m2/s4
-R_LINES = 12  # amplitudes of the first lines, m/s2, and then their changes by the last halving
+R_OTHER = 12  # relative difference of the RMS to the second opinion, NaN where none was taken on the last grid
+R_PEAK = 13  # relative error of the largest value
+R_LINES = 14  # amplitudes of the first lines, m/s2, and then their errors
 
 # Multipliers beyond this are looked at again, by differences and with finer steps.
 _DOUBTFUL = 0.9
@@ -49,16 +70,16 @@ _DOUBTFUL = 0.9
 # load a larger one would leave them.
 _DIFFERENCE = 1e-3
 _OF_APPROACH = 1e-3
-# Error of the RMS over its change and over that of the waveform by the last halving, where only one is known:
-# benchmarks/engine/families.py measures how often the larger of both bounds it.
-_OF_CHANGE = 0.7
-_OF_WAVE = 0.25
 # One halving is believed where it ends with so many steps: of fewer, both grids may miss the same impact, and agree.
 _TOLD_BY_ONE = 256
-# A larger error than this means that a grid is too coarse for any statement, on itself or on the next.
-_TELLING = 0.05
 # The coarsest grid is settled to this share of the accuracy: the next begins from there, and is settled whole.
 _FIRST_TOLERANCE = 0.25
+# A smaller relative change from period to period is rounding.
+LEAST_TOLERANCE = 1e-11
+# Steps of a second opinion over those of the last grid, and the error over the accuracy up to which one is worth its
+# time: where it tells that less is left it spares the next grid.
+_OTHER_STEPS = 0.73
+_PROMISING = 5.0
 
 
 class Effort(NamedTuple):
@@ -69,7 +90,8 @@ class Effort(NamedTuple):
         least: least steps in a segment of it.
         grids: number of grids at most, each with half the steps of the one before; at least 1.
         most: steps in a period at most.
-        accuracy: relative error of the RMS at which no finer grid is taken.
+        accuracy: relative error of ``quantity`` at which no finer grid is taken.
+        quantity: Q_RMS, Q_WAVE, or Q_LINES for the largest error of a line over the largest line.
         tolerance: relative change of the RMS from period to period that counts as none.
         cap: periods on one grid at most.
         low, high: first and last line of the band of the RMS; ``high`` less than ``low`` is the full bandwidth.
@@ -81,6 +103,7 @@ class Effort(NamedTuple):
     grids: int
     most: int
     accuracy: float
+    quantity: int
     tolerance: float
     cap: int
     low: int
@@ -89,20 +112,20 @@ class Effort(NamedTuple):
 
 
 @kernel
-def largest(wave: NDArray[np.float64], first: NDArray[np.int64], sensor: int, stride: int) -> float:
-    """Return the largest absolute value of a sensor, as seen at every ``stride``-th value of each segment.
+def largest(wave: NDArray[np.float64], first: NDArray[np.int64], sensor: int) -> float:
+    """Return the largest absolute value of a sensor in a period.
 
-    Between three of them it is that of the parabola through them, where that has its vertex there. ``wave`` and
+    Between three values it is that of the parabola through them, where that has its vertex there. ``wave`` and
     ``first``: see models.solve.six_dof.kernels.period.
     """
     found = 0.0
     for k in range(first.shape[0] - 1):
         start, end = first[k] + k, first[k + 1] + k
-        for n in range(start, end + 1, stride):
+        for n in range(start, end + 1):
             at = wave[n, sensor]
             size = abs(at)
-            if n - stride >= start and n + stride <= end:
-                before, after = wave[n - stride, sensor], wave[n + stride, sensor]
+            if start < n < end:
+                before, after = wave[n - 1, sensor], wave[n + 1, sensor]
                 slope, bend = 0.5 * (after - before), after - 2.0 * at + before
                 if at * bend < 0.0 and abs(slope) < abs(bend):
                     size += 0.5 * slope * slope / abs(bend)
@@ -166,30 +189,28 @@ def fourier_coefficients(trace: PeriodTrace, period: Period, count: int) -> NDAr
 
 
 @kernel
-def error_estimate(delta: float, wave: float, wave_before: float, before: float) -> float:
-    """Return an estimate of the relative error of the RMS on a grid.
-
-    From the relative changes of RMS and waveform by the last halving of the steps, the change of the waveform by the
-    halving before and the estimate then (NaN where there was none). Steps of fourth order would leave a fifteenth of
-    ``wave``; where balls meet kinks or open contacts the order is lower, which two halvings show, and a change may be
-    small by chance: so no estimate falls by more than a factor of four. The hard tests of the engine count how often
-    it bounds the error.
-    """
-    found = max(_OF_CHANGE * abs(delta), _OF_WAVE * wave)
-    if not math.isfinite(before):
-        return found
-    before = min(before, _TELLING)
-    ratio = min(max(wave / wave_before, 0.0625), 0.9) if wave_before > 0.0 else 0.0625
-    return max(found, abs(delta), before / 4.0, wave * ratio / (1.0 - ratio))
+def _tolerance(effort: Effort, values: NDArray[np.float64]) -> float:
+    """Return the relative change that counts as none: less where lines are asked for that are a part of the wave."""
+    part = relative(largest_line(values), line_unit(values))
+    if effort.quantity != Q_LINES or part == 0.0:
+        return effort.tolerance
+    return max(effort.tolerance * min(part, 1.0), LEAST_TOLERANCE)
 
 
 @kernel
-def _band_rms(found: NDArray[np.float64], low: int, high: int) -> float:
-    """Return the RMS of the casing's lines from ``low`` to ``high``."""
-    power = 0.0
-    for k in range(low, high + 1):
-        power += found[0, 0, k] ** 2 + found[0, 1, k] ** 2
-    return math.sqrt(2.0 * power)
+def _measure(trace: PeriodTrace, period: Period, effort: Effort, values: NDArray[np.float64]) -> None:
+    """Write what a period shows of the casing, m/s2, by the Q_ constants."""
+    spectrum = lines(trace, period.time, period.first, max(effort.harmonics, effort.high), 1)
+    values[Q_WAVE] = math.sqrt(mean_square(trace, 0))
+    values[Q_RMS] = values[Q_WAVE]
+    values[Q_PEAK] = largest(trace.wave, period.first, np.int64(0))
+    if effort.high >= effort.low:
+        power = 0.0
+        for k in range(effort.low, effort.high + 1):
+            power += spectrum[0, 0, k] ** 2 + spectrum[0, 1, k] ** 2
+        values[Q_RMS] = math.sqrt(2.0 * power)
+    for k in range(effort.harmonics):
+        values[Q_LINES + k] = 2.0 * math.sqrt(spectrum[0, 0, k + 1] ** 2 + spectrum[0, 1, k + 1] ** 2)
 
 
 @kernel
@@ -221,6 +242,50 @@ def _stability(state: NDArray[np.float64], period: Period) -> tuple[float, NDArr
 
 
 @kernel
+def ask_again(
+    path: NDArray[np.float64],
+    profile: NDArray[np.float64],
+    damaged_rows: tuple[int, int],
+    point: OperatingPoint,
+    begin: NDArray[np.float64],
+    steering: NDArray[np.float64],
+    effort: Effort,
+    fold: int,
+    calm: int,
+    tolerance: float,
+    felt: float,
+    values: NDArray[np.float64],
+) -> int:
+    """Settle a scene on a grid whose segments have another, incommensurate number of steps than that of ``fold``.
+
+    ``begin`` is the orbit on that one. ``values`` is written: what the other grid shows, nothing (zeros) where its
+    motion does not settle. Return the periods simulated.
+    """
+    steps = math.ceil(_OTHER_STEPS * fold * effort.steps) | 1
+    period = set_up(path, profile, point, damaged_rows, steps, (3 * fold * effort.least) // 4 | 1, 1)
+    trace = blank_trace(period)
+    number, _, _, settled, _ = settle(
+        begin, np.zeros((2, 6)), trace, period, steering, 0, calm, tolerance, effort.cap, felt
+    )
+    values[:] = 0.0
+    if settled:
+        _measure(trace, period, effort, values)
+    return number
+
+
+@kernel
+def _note(levels: Levels, trace: PeriodTrace, found: NDArray[np.float64]) -> None:
+    """Write levels and errors of the last grid to their places."""
+    now, errors = levels.now, levels.errors
+    found[R_RMS], found[R_ERROR] = now[Q_RMS], relative(errors[Q_RMS], now[Q_RMS])
+    found[R_WAVE], found[R_PEAK] = relative(errors[Q_WAVE], now[Q_WAVE]), relative(errors[Q_PEAK], now[Q_PEAK])
+    found[R_POWER], found[R_POWER + 1] = mean_square(trace, 0), mean_square(trace, 1)
+    count = now.shape[0] - Q_LINES
+    for k in range(count):
+        found[R_LINES + k], found[R_LINES + count + k] = now[Q_LINES + k], errors[Q_LINES + k]
+
+
+@kernel
 def solve(
     path: NDArray[np.float64],
     profile: NDArray[np.float64],
@@ -236,45 +301,59 @@ def solve(
     The coarsest grid is searched from the state ``begin`` (2, 6), each finer one from the orbit of the one before, with
     the Jacobian at that orbit for Newton's method. ``found`` (R_LINES + 2 harmonics), written: see the R_ constants.
     """
-    begin, state, count = begin.copy(), np.zeros((2, 6)), max(effort.harmonics, effort.high)
+    begin, state, levels = begin.copy(), np.zeros((2, 6)), blank_levels(effort.harmonics)
     period = set_up(path, profile, point, damaged_rows, effort.steps, effort.least, 1)
     trace = blank_trace(period)
     found[:] = 0.0
-    found[R_ERROR] = found[R_RADIUS] = found[R_WAVE] = found[R_DELTA] = math.nan
-    felt, estimate = math.inf, math.nan
-    periods, plain, calm, rms_before, settled_before = 0, PLAIN_FIRST, CALM_PERIODS, math.nan, False
+    found[R_RADIUS] = found[R_HALVED] = found[R_OTHER] = math.nan
+    felt, wave, plain, calm, settled_before = math.inf, math.nan, PLAIN_FIRST, CALM_PERIODS, False
+    tolerance = max(effort.tolerance, _FIRST_TOLERANCE * effort.accuracy)
+    # Two opinions of a waveform are compared in its RMS and lines only, which cannot tell that less is left of it.
+    promising = effort.accuracy * (1.0 if effort.quantity == Q_WAVE else _PROMISING)
     for grid in range(effort.grids):
         before, trace_before = period, trace
+        levels.coarse[:] = levels.now
         if grid > 0:
             period = set_up(path, profile, point, damaged_rows, effort.steps, effort.least, 1 << grid)
-            trace = blank_trace(period)
-        tolerance = effort.tolerance if grid > 0 else max(effort.tolerance, _FIRST_TOLERANCE * effort.accuracy)
-        number, found[R_CHANGE], rms, settled, felt = settle(
+            trace, tolerance = blank_trace(period), _tolerance(effort, levels.now)
+        number, change, rms, settled, felt = settle(
             begin, state, trace, period, steering, plain, calm, tolerance, effort.cap, felt
         )
-        periods += number
-        found[R_PERIODS], found[R_STEPS] = periods, period.nodes.turn.shape[0]
-        found[R_SETTLED] = 1.0 if settled else 0.0
-        spectrum = lines(trace, period.time, period.first, count, 1)
-        level = _band_rms(spectrum, effort.low, effort.high) if effort.high >= effort.low else rms
-        found[R_RMS] = level
-        found[R_POWER], found[R_POWER + 1] = mean_square(trace, 0), mean_square(trace, 1)
-        for k in range(effort.harmonics):
-            amplitude = 2.0 * math.sqrt(spectrum[0, 0, k + 1] ** 2 + spectrum[0, 1, k + 1] ** 2)
-            found[R_LINES + effort.harmonics + k] = amplitude - found[R_LINES + k]
-            found[R_LINES + k] = amplitude
+        steps = period.nodes.turn.shape[0]
+        found[R_PERIODS] += number
+        found[R_CHANGE], found[R_SETTLED], found[R_STEPS] = change, 1.0 if settled else 0.0, steps
+        _measure(trace, period, effort, levels.now)
         if not settled and grid > 0:
             break
         if settled and settled_before:
-            change_before = found[R_WAVE]
-            change = _wave_change(trace.wave, trace_before.wave, before.first, before.weight)
-            found[R_WAVE] = change / rms if rms > SILENCE else 0.0
-            found[R_DELTA] = (level - rms_before) / level if level > SILENCE else 0.0
-            estimate = error_estimate(found[R_DELTA], found[R_WAVE], change_before, estimate)
-            found[R_ERROR] = estimate + found[R_CHANGE]
-            told = math.isfinite(change_before) or period.nodes.turn.shape[0] >= _TOLD_BY_ONE
-            if found[R_ERROR] <= effort.accuracy and told:
-                break
+            wave_before = wave
+            wave = relative(_wave_change(trace.wave, trace_before.wave, before.first, before.weight), rms)
+            judge(levels, wave, wave_before, change)
+            error, level = asked_error(levels, effort.quantity), levels.now[Q_RMS]
+            found[R_HALVED], found[R_OTHER] = relative(levels.errors[Q_RMS], level), math.nan
+            if error <= promising and (math.isfinite(wave_before) or steps >= _TOLD_BY_ONE):
+                # Where no contact changes the motion is smooth, and halving is believed.
+                certain = found[R_RADIUS] >= 1.0 or not np.any(trace.changed)
+                if error <= effort.accuracy and certain:
+                    break
+                found[R_PERIODS] += ask_again(
+                    path,
+                    profile,
+                    damaged_rows,
+                    point,
+                    state,
+                    steering,
+                    effort,
+                    1 << grid,
+                    calm,
+                    tolerance,
+                    felt,
+                    levels.other,
+                )
+                judge_again(levels, wave, change)
+                found[R_OTHER] = relative(abs(level - levels.other[Q_RMS]), level)
+                if asked_error(levels, effort.quantity) <= effort.accuracy:
+                    break
         if settled:
             if grid == 0 or found[R_RADIUS] > _DOUBTFUL:
                 found[R_RADIUS], steering, parted = _stability(state, period)
@@ -286,9 +365,10 @@ def solve(
                 # Newton's method doubles the digits: the next change would be far smaller.
                 calm = 1 if found[R_RADIUS] <= _DOUBTFUL else CALM_PERIODS
             begin[:] = state
-        if 2 * period.nodes.turn.shape[0] > effort.most:
+        if 2 * steps > effort.most:
             break
-        rms_before, settled_before = level, settled
+        settled_before = settled
+    _note(levels, trace, found)
     return period, state, trace
 
 
