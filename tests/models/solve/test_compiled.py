@@ -173,7 +173,7 @@ def test_the_compiled_search_is_the_interpreted_one(seed: int) -> None:
     # From close by, a period or two show how little is left. (Steps that a contact divides are others there.)
     push = 1e-4 * rng.standard_normal((2, 6)) * STATE_SCALE
     near = settle(state + push, np.empty((2, 6)), trace, period, steer, 0, CALM_PERIODS, 1e-3, 300, felt)
-    assert near[0] == 1
+    assert near[0] <= 2
     assert near[2] == pytest.approx(rms, rel=near[1] + 2e-5)
 
 

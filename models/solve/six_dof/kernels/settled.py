@@ -44,6 +44,7 @@ from models.solve.six_dof.kernels.tangent import tangent_jacobian
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from models.platform.jit import Index
     from models.solve.six_dof.kernels.errors import Levels
     from models.solve.six_dof.kernels.period import Period, PeriodTrace
     from models.solve.six_dof.kernels.period_setup import OperatingPoint
@@ -112,7 +113,7 @@ class Effort(NamedTuple):
 
 
 @kernel
-def largest(wave: NDArray[np.float64], first: NDArray[np.int64], sensor: int) -> float:
+def largest(wave: NDArray[np.float64], first: NDArray[np.int64], sensor: Index) -> float:
     """Return the largest absolute value of a sensor in a period.
 
     Between three values it is that of the parabola through them, where that has its vertex there. ``wave`` and
