@@ -11,6 +11,7 @@ from models.machine.bearing import from_catalogue
 from models.machine.rig import Rig
 from models.machine.scene import Defect, Part, Scene, Slip, Waviness
 from models.solve.six_dof.time_domain import simulate_time
+from models.words.request import Sensor
 from reference.signals import record_of
 
 KINDS = ("unbalance", "slip", "inner_waviness", "inner_defect", "ball_defect", "several_defects", "mean_force_slip")
@@ -25,10 +26,10 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
     return float(math.exp(rng.uniform(math.log(low), math.log(high))))
 
 
-def plain_scene(seed: int, *, damaged: bool) -> Scene:
-    """Return the scene of a seed without the effect; one in four has rollers, one in three no defect unless told."""
+def plain_scene(seed: int, *, damaged: bool, balls: bool = False) -> Scene:
+    """Return the scene of a seed without the effect; one in four has rollers, one in three no defect, unless told."""
     rng = np.random.default_rng([40, seed])
-    rollers, kind = rng.random() < 0.25, rng.integers(1 if damaged else 0, 3)
+    rollers, kind = rng.random() < 0.25 and not balls, rng.integers(1 if damaged else 0, 3)
     defect = None
     if kind == 1:
         defect = Defect(math.radians(log_uniform(rng, 1.0, 8.0)), 500e-6)
@@ -77,17 +78,20 @@ def with_effect(scene: Scene, kind: str, share: float, *, wide: bool = False) ->
 def weak_scene(seed: int, kind: str) -> Scene:
     """Return the scene of a seed with an effect of KINDS, of any share of its size."""
     rng = np.random.default_rng([41, seed])
-    plain = plain_scene(seed, damaged=kind in ("slip", "mean_force_slip", "several_defects"))
+    damaged = kind in ("slip", "mean_force_slip", "several_defects")
+    plain = plain_scene(seed, damaged=damaged, balls=kind == "mean_force_slip")
     return with_effect(plain, kind, log_uniform(rng, *SHARES), wide=bool(rng.random() < 0.5))
 
 
-def change_over_time(scene: Scene, plain: Scene, *, seconds: float, step: float) -> tuple[float, float]:
-    """Return the RMS of what an effect changes of the casing's acceleration, and the change of its RMS, m/s2.
+def change_over_time(
+    scene: Scene, plain: Scene, *, seconds: float, step: float, sensor: Sensor = "mo"
+) -> tuple[float, float]:
+    """Return the RMS of what an effect changes of the acceleration of a sensor, and the change of its RMS, m/s2.
 
     Both are simulated over time with the same steps, s. A Hann window weighs the squares: a record has no whole number
     of turns and passages.
     """
-    waves = [record_of(simulate_time(one, seconds, 51200.0, step=step)).of("mo") for one in (scene, plain)]
+    waves = [record_of(simulate_time(one, seconds, 51200.0, step=step)).of(sensor) for one in (scene, plain)]
     weight = np.hanning(len(waves[0]))
     ours, without, changed = (
         math.sqrt(float(np.average(one * one, weights=weight))) for one in (*waves, waves[0] - waves[1])
