@@ -37,7 +37,7 @@ from reference.periodic.settle import Caps, simulate_oracle
 
 FILE = Path(__file__).with_name("fourth.json")
 # Scenes from the first on that are asked for at each accuracy.
-ACCURACIES = {2e-3: 400, 1e-3: 400, 1e-5: 48, 1e-8: 12}
+ACCURACIES = {2e-3: 400, 1e-3: 400, 1e-5: 24, 1e-8: 12}
 QUICK = {1e-3: 12}
 # A scene that is answered sooner is asked again, and timed then, ms.
 _SOON = 1000.0
