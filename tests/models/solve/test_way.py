@@ -10,7 +10,8 @@ from models.machine.scene import Defect, Scene
 from models.solve.simulate import simulate
 
 ROOT = Path(__file__).resolve().parents[3]
-MOST = 12
+# The thirteenth is engine/over_time.py, which tells what a simulation over time is expected to cost.
+MOST = 13
 
 
 def test_a_scene_enters_few_files() -> None:
