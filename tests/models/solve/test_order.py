@@ -1,8 +1,7 @@
 """Order of convergence of each kernel: the error falls with the fourth power of the step where nothing is rough.
 
-Healthy races and gentle waves, under loads that press all balls of the loaded zone: what is left of the opening and
-closing of contacts at its ends is below the error of the coarsest steps. Slopes are fitted to the logarithms of error
-and step. Where contacts open at speed the order is lower, as docs/evidence/engine.md says.
+Healthy races and gentle waves, under loads that press all balls of the loaded zone; and pits, over which contacts open.
+Slopes are fitted to the logarithms of error and step.
 """
 
 from __future__ import annotations
@@ -114,7 +113,7 @@ def test_order_of_the_time_domain(scene: Scene) -> None:
         assert 3.5 < slope(errors) < 5.5
 
 
-@pytest.mark.parametrize(("name", "most"), [("pit", 1e-4), ("rollers, pit", 5e-3)])
+@pytest.mark.parametrize(("name", "most"), [("pit", 2e-6), ("rollers, pit", 2e-6)])
 def test_order_of_the_ball_period_where_contacts_open(name: str, most: float) -> None:
     """The velocities after four periods from rest."""
 
@@ -127,11 +126,11 @@ def test_order_of_the_ball_period_where_contacts_open(name: str, most: float) ->
 
     exact = end(128)
     errors = [relative(end(fold), exact) for fold in (1, 2, 4, 8, 16)]
-    assert 0.7 < slope(errors) < 3.5
+    assert 3.2 < slope(errors) < 5.0
     assert errors[-1] < most
 
 
-@pytest.mark.parametrize(("name", "most"), [("pit", 2e-4), ("rollers, pit", 3e-3)])
+@pytest.mark.parametrize(("name", "most"), [("pit", 2e-6), ("rollers, pit", 2e-5)])
 def test_order_of_the_time_domain_where_contacts_open(name: str, most: float) -> None:
     """The waveform of the resonator in 20 ms from rest."""
     coarse, samples = 1.0 / 19200.0, 384
@@ -144,7 +143,7 @@ def test_order_of_the_time_domain_where_contacts_open(name: str, most: float) ->
 
     exact = waveform(64)
     errors = [relative(waveform(fold), exact) for fold in (1, 2, 4, 8, 16)]
-    assert 1.0 < slope(errors) < 3.0
+    assert 3.2 < slope(errors) < 5.0
     assert errors[-1] < most
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from models.machine.scene import Defect, Scene
 from models.solve.response import PASSBAND, Response
 from models.solve.simulate import simulate
+from models.solve.six_dof.kernels.parts import SUMS
 from models.solve.six_dof.kernels.period import PeriodTrace
 from models.solve.six_dof.kernels.settled import lines
 from models.words.request import Sensor
@@ -142,7 +143,10 @@ def coefficients_of(
     """Return the kernel's Fourier coefficients, and the times and weights of the values."""
     time, weight, first = two_segments(duration)
     steps = int(first[-1])
-    trace = PeriodTrace(wave, weight, np.zeros((steps, 4)), np.zeros(steps, dtype=np.bool_))
+    trace = PeriodTrace(
+        *(wave, weight, np.zeros((steps, SUMS)), np.zeros(steps, dtype=np.bool_)),
+        *(np.zeros(steps, dtype=np.int64), np.zeros(steps, dtype=np.int64)),
+    )
     parts = lines(trace, time, first, count, 2)
     return parts[:, 0] + 1j * parts[:, 1], time, weight
 

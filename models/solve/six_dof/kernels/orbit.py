@@ -153,7 +153,7 @@ def _jump(after: NDArray[np.float64], trace: PeriodTrace, period: Period) -> flo
     x1 = (after[0, 0], after[0, 1], after[0, 2], after[0, 3], after[0, 4], after[0, 5])
     x2 = (after[1, 0], after[1, 1], after[1, 2], after[1, 3], after[1, 4], after[1, 5])
     p, first = period.parameter, np.int64(0)
-    f1, f2, _ = contact(x1, x2, p, period.balls, period.nodes, first, first, 0.0)
+    f1, f2, _, _ = contact(x1, x2, p, period.balls, period.nodes, first, first, 0.0)
     return abs(accelerations(x1, x2, f1, f2, p)[0] - trace.wave[0, 0])
 
 

@@ -1,9 +1,8 @@
 """Kernel of one ball period of the six-degree-of-freedom model, by Lawson-RK4 (models.solve.six_dof.kernels.step).
 
-The damping force sets in with a jump, and like a square root, where a ball meets or leaves its contact, which no step
-of high order follows. A step in which any ball does so is taken again in parts, which are divided again where the
-contact changes within them, with the path interpolated between the nodes of the step. A mean over the period takes such
-a step from its parts: a rule of quadrature that runs over the jump would be wrong by a share of the step.
+A step in which a ball meets or leaves its contact, or that is near to one, is taken again in parts
+(models.solve.six_dof.kernels.instants). A mean over the period takes such a step from its parts: a rule of quadrature
+that runs over the jump of the damping force would be wrong by a share of the step.
 
 Kernels of quadrature weights over a ball period: fourth order between the places where contacts change.
 """
@@ -16,8 +15,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import inlined, kernel
+from models.solve.six_dof.kernels.instants import retake
+from models.solve.six_dof.kernels.parts import SUMS, Room, make_room
 from models.solve.six_dof.kernels.step import (
-    P_OMEGA,
     STATUS_NOT_FINITE,
     STATUS_OK,
     Balls,
@@ -25,7 +25,6 @@ from models.solve.six_dof.kernels.step import (
     accelerations,
     contact,
     forces,
-    propagators,
     step,
 )
 
@@ -97,11 +96,9 @@ def fill_weights(
             begin = n + 1
 
 
-# A step in which contacts change is divided into so many parts, and again each part in which they change, until a part
-# is one in so many of the step. The damping of a line contact sets in as the ninth root of the approach, nearly a jump.
-SUBSTEPS = 4
-FINEST_OF_BALLS = SUBSTEPS**3
-FINEST_OF_ROLLERS = SUBSTEPS**4
+# Time from an instant at which contacts change over the period within which steps are graded, where a step is shorter:
+# outside of it what is left of the root with which damping sets in is lost on steps of any length.
+_REACH = 1.0 / 400.0
 
 
 class Period(NamedTuple):
@@ -136,24 +133,29 @@ class PeriodTrace(NamedTuple):
             segment with its own two ends, (steps + segments, 2).
         weight: quadrature weights of ``wave``, (steps + segments,): the values of each run of steps without a change
             of contact have a rule of their own.
-        parts: of the steps in which contacts change, their share in the mean over the period of both accelerations and
-            of both squares, (steps, 4); zero for all other steps.
-        changed: whether contacts change in a step, (steps,).
+        parts: of the steps that are taken in parts, their share in the mean over the period of both accelerations,
+            both squares, and both accelerations times the time from the middle of the step, s m/s2, (steps, SUMS).
+        changed: whether a step was taken in parts, because contacts change in it or near it, (steps,).
+        instants: how many contacts change in a step, int64, (steps,).
+        grazing: how many times a gap nearly touches zero in a step, so that a coarser one may not tell on which side,
+            int64, (steps,).
     """
 
     wave: NDArray[np.float64]
     weight: NDArray[np.float64]
     parts: NDArray[np.float64]
     changed: NDArray[np.bool_]
+    instants: NDArray[np.int64]
+    grazing: NDArray[np.int64]
 
 
 @kernel
 def blank_trace(period: Period) -> PeriodTrace:
     """Return room for what a period records."""
     steps, values = period.nodes.turn.shape[0], period.time.shape[0]
-    return PeriodTrace(
-        np.zeros((values, 2)), period.weight.copy(), np.zeros((steps, 4)), np.zeros(steps, dtype=np.bool_)
-    )
+    parts, changed = np.zeros((steps, SUMS)), np.zeros(steps, dtype=np.bool_)
+    instants, grazing = np.zeros(steps, dtype=np.int64), np.zeros(steps, dtype=np.int64)
+    return PeriodTrace(np.zeros((values, 2)), period.weight.copy(), parts, changed, instants, grazing)
 
 
 @kernel
@@ -166,28 +168,6 @@ def mean_square(trace: PeriodTrace, sensor: int) -> float:
         if trace.changed[n]:
             total += trace.parts[n, 2 + sensor]
     return max(total, 0.0)
-
-
-@inlined
-def _path_within(place: float, node: int, span: float, nodes: StepNodes, n: int, within: StepNodes) -> None:
-    """Write d and omega_c d' at a place within step ``n`` of ``span`` s, from its three nodes (quintic Hermite).
-
-    The place, from 0 to 1, is written to row 0, ``node``. In s from -1 to 1 over the step, the polynomial has the
-    values and slopes of the nodes at s = -1, 0 and 1.
-    """
-    depth, rate = nodes.depth, nodes.rate
-    s = 2.0 * place - 1.0
-    half = 0.5 * span
-    for j in range(depth.shape[2]):
-        middle, m_slope = depth[n, 1, j], half * rate[n, 1, j]
-        even = 0.5 * (depth[n, 2, j] + depth[n, 0, j]) - middle
-        odd = 0.5 * (depth[n, 2, j] - depth[n, 0, j]) - m_slope
-        even_slope = 0.5 * half * (rate[n, 2, j] - rate[n, 0, j])
-        odd_slope = 0.5 * half * (rate[n, 2, j] + rate[n, 0, j]) - m_slope
-        a4, a5 = 0.5 * even_slope - even, 0.5 * (odd_slope - 3.0 * odd)
-        a2, a3 = even - a4, odd - a5
-        within.depth[0, node, j] = middle + s * (m_slope + s * (a2 + s * (a3 + s * (a4 + s * a5))))
-        within.rate[0, node, j] = (m_slope + s * (2.0 * a2 + s * (3.0 * a3 + s * (4.0 * a4 + s * 5.0 * a5)))) / half
 
 
 @inlined
@@ -207,57 +187,35 @@ def flow_row(values: NDArray[np.float64], row: int, offset: int) -> Flow:
 
 
 @inlined
-def _add(parts: NDArray[np.float64], n: int, weight: float, a_o: float, a_r: float) -> None:
-    """Add the accelerations of outer ring and resonator and their squares to the row of a step."""
-    parts[n, 0] += weight * a_o
-    parts[n, 1] += weight * a_r
-    parts[n, 2] += weight * a_o * a_o
-    parts[n, 3] += weight * a_r * a_r
+def _alone(changed: NDArray[np.bool_], first: int, n: int) -> bool:
+    """Return whether a step was taken in one, and the one before it was not, or is before ``first``."""
+    return n >= first and not changed[n] and (n == first or changed[n - 1])
 
 
 @kernel
-def _divided_step(
-    x1: Axis, x2: Axis, h: float, share: float, period: Period, n: int, parts: NDArray[np.float64]
+def _retaken(
+    x1: Axis,
+    x2: Axis,
+    y1: Axis,
+    y2: Axis,
+    h: float,
+    reach: float,
+    changed: bool,
+    period: Period,
+    n: int,
+    room: Room,
+    trace: PeriodTrace,
 ) -> tuple[Axis, Axis]:
-    """Return both axes after step ``n`` taken in parts, and write its share in the means over the period.
-
-    ``share`` is that of the step in the period.
-    """
-    p, turn, count = period.parameter, period.nodes.turn, period.balls.moved.shape[1]
-    within = StepNodes(np.empty((1, 3, 2)), np.empty((1, 3, count)), np.empty((1, 3, count)), None)
-    zero, finest = np.int64(0), FINEST_OF_BALLS if period.balls.power == 0.5 else FINEST_OF_ROLLERS
-    place, size = 0, finest // SUBSTEPS
-    e, known = propagators(p, h * size / finest), size
-    before = 0
-    parts[n] = 0.0
-    while place < finest:
-        length = h * size / finest
-        if known != size:
-            e, known = propagators(p, length), size
-        for node in range(3):
-            at = (place + 0.5 * node * size) / finest
-            c, s = math.cos(p[P_OMEGA] * h * at), math.sin(p[P_OMEGA] * h * at)
-            within.turn[0, node, 0] = turn[n, 0, 0] * c - turn[n, 0, 1] * s
-            within.turn[0, node, 1] = turn[n, 0, 1] * c + turn[n, 0, 0] * s
-            _path_within(at, node, h, period.nodes, n, within)
-        y1, y2, g1, g2, changed = step(x1, x2, length, e, p, forces, (period.balls, within), zero)
-        if changed and size > 1:
-            size //= SUBSTEPS
-            continue
-        # The trapezoid rule: half of the part before and half of this one belong to the value between them.
-        a_o, a_r = accelerations(x1, x2, g1, g2, p)
-        weight = share * 0.5 * (before + size) / finest
-        _add(parts, n, weight, a_o, a_r)
-        before = size
-        x1, x2 = y1, y2
-        place += size
-        while size < finest // SUBSTEPS and place % (SUBSTEPS * size) == 0:
-            size *= SUBSTEPS
-    g1, g2, _ = contact(x1, x2, p, period.balls, period.nodes, n, np.int64(2), 0.0)
-    a_o, a_r = accelerations(x1, x2, g1, g2, p)
-    weight = share * 0.5 * before / finest
-    _add(parts, n, weight, a_o, a_r)
-    return x1, x2
+    """Return both axes after step ``n`` as ``retake`` does, and write what it records."""
+    parts = trace.parts[n]
+    y1, y2, taken, trace.instants[n], trace.grazing[n] = retake(
+        *(x1, x2, y1, y2, h, reach, changed), *(period.parameter, period.balls, period.nodes, n, room, parts)
+    )
+    trace.changed[n] = taken
+    if taken:
+        for k in range(SUMS):
+            parts[k] /= period.time[-1]
+    return y1, y2
 
 
 @kernel
@@ -269,20 +227,27 @@ def ball_period(state: NDArray[np.float64], state_out: NDArray[np.float64], trac
     p, balls, nodes, first, flow = period.parameter, period.balls, period.nodes, period.first, period.flow
     x1 = (state[0, 0], state[0, 1], state[0, 2], state[0, 3], state[0, 4], state[0, 5])
     x2 = (state[1, 0], state[1, 1], state[1, 2], state[1, 3], state[1, 4], state[1, 5])
-    wave, any_changed = trace.wave, False
+    w1, w2 = x1, x2
+    wave, any_changed, room = trace.wave, False, make_room(balls, nodes)
     for segment in range(first.shape[0] - 1):
         h = flow[segment, 0]
+        reach = max(h, _REACH * period.time[-1])
         e = flow_row(flow, segment, 1)
         for n in range(first[segment], first[segment + 1]):
-            y1, y2, g1, g2, changed = step(x1, x2, h, e, p, forces, (balls, nodes), n)
+            y1, y2, g1, g2, changed, near = step(x1, x2, h, e, p, forces, (balls, nodes), n, reach)
             wave[n + segment, 0], wave[n + segment, 1] = accelerations(x1, x2, g1, g2, p)
-            trace.changed[n] = changed
-            if changed:
-                any_changed = True
-                y1, y2 = _divided_step(x1, x2, h, h / period.time[-1], period, n, trace.parts)
+            trace.changed[n], trace.instants[n], trace.grazing[n] = False, 0, 0
+            if changed or near:
+                y1, y2 = _retaken(x1, x2, y1, y2, h, reach, changed, period, n, room, trace)
+                if trace.changed[n] and _alone(trace.changed, first[segment], n - 1):
+                    _retaken(w1, w2, x1, x2, h, reach, True, period, n - 1, room, trace)
+                any_changed = any_changed or trace.changed[n]
+            w1, w2 = x1, x2
             x1, x2 = y1, y2
         last = first[segment + 1] - 1
-        g1, g2, _ = contact(x1, x2, p, balls, nodes, last, np.int64(2), 0.0)
+        if any_changed and _alone(trace.changed, first[segment], last):
+            _retaken(w1, w2, x1, x2, h, reach, True, period, last, room, trace)
+        g1, g2, _, _ = contact(x1, x2, p, balls, nodes, last, np.int64(2), 0.0)
         wave[last + segment + 1, 0], wave[last + segment + 1, 1] = accelerations(x1, x2, g1, g2, p)
     fill_weights(flow, first, period.weight, trace.changed, any_changed, trace.weight)
     bad = False

@@ -29,9 +29,11 @@ if TYPE_CHECKING:
     Axis = tuple[float, float, float, float, float, float]
     Context = Any
     Force = Callable[
-        [Axis, Axis, NDArray[np.float64], Context, Index, Index, float], tuple[float, float, float, float, float]
+        [Axis, Axis, NDArray[np.float64], Context, Index, Index, float], tuple[float, float, float, float, float, float]
     ]
     Flow = tuple[float, float, float, float, float, float, float, float, float]
+    Pair = tuple[float, float]
+    Stage = tuple[Axis, Axis, float, float]
 
 NEAR_SLOPE = math.tan(math.radians(15.0))
 
@@ -193,7 +195,7 @@ def _contact(
     n: Index,
     node: Index,
     h: float,
-) -> tuple[float, float, float]:
+) -> tuple[float, float, float, float]:
     """Return what ``contact`` does; ``power`` as in ``_root``."""
     moved, plain, depth, rate = balls.moved, balls.plain, nodes.depth, nodes.rate
     clearance = p[P_CLEARANCE]
@@ -203,7 +205,7 @@ def _contact(
     f1 = 0.0
     f2 = 0.0
     mask = 0.0
-    shallow = False
+    near = 0.0
     count = balls.near_moved if aligned else moved.shape[1]
     for j in range(count):
         delta = p1 * moved[0, j] + p2 * moved[1, j] - clearance - depth[n, node, j]
@@ -215,8 +217,7 @@ def _contact(
         f1 += force * moved[0, j]
         f2 += force * moved[1, j]
         mask += touching * moved[2, j]
-        if power is not None:
-            shallow = shallow or 0.0 < pressed < abs(speed) * h
+        near += 1.0 if abs(delta) < abs(speed) * h else 0.0
     count = balls.near if aligned else plain.shape[1]
     for j in range(count):
         delta = p1 * plain[0, j] + p2 * plain[1, j] - clearance
@@ -228,21 +229,17 @@ def _contact(
         f1 += force * plain[0, j]
         f2 += force * plain[1, j]
         mask += touching * plain[2, j]
-        if power is not None:
-            shallow = shallow or 0.0 < pressed < abs(speed) * h
-    mask = -1.0 if shallow else mask
-    return c * f1 - s * f2 - p[P_LOAD_1], s * f1 + c * f2 - p[P_LOAD_2], mask
+        near += 1.0 if abs(delta) < abs(speed) * h else 0.0
+    return c * f1 - s * f2 - p[P_LOAD_1], s * f1 + c * f2 - p[P_LOAD_2], mask, near
 
 
 @inlined
 def contact(
     x1: Axis, x2: Axis, p: NDArray[np.float64], balls: Balls, nodes: StepNodes, n: Index, node: Index, h: float
-) -> tuple[float, float, float]:
-    """Return the contact force on the outer ring minus the static one, N, along and across the load (Eqs. 35-48), and
-    the sum of the powers of two of all balls in contact.
-
-    For rollers it is -1 where one is so shallow that its contact began, or will end, within a time ``h``: their damping
-    sets in as the ninth root of the approach, nearly a jump, which a step beside it does not follow either.
+) -> tuple[float, float, float, float]:
+    """Return the contact force on the outer ring minus the static one, N, along and across the load (Eqs. 35-48), the
+    sum of the powers of two of all balls in contact, and how many balls, at their speed, reach or left the instant at
+    which they touch or part within a time ``h``.
     """
     # One branch outside of the loops: a loop that may call the power function is a fifth slower with square roots.
     if balls.power == 0.5:
@@ -267,42 +264,79 @@ def _on_shaft(drive: NDArray[np.float64] | None, n: Index, node: Index) -> tuple
 @inlined
 def forces(
     x1: Axis, x2: Axis, p: NDArray[np.float64], context: tuple[Balls, StepNodes], n: Index, stage: Index, h: float
-) -> tuple[float, float, float, float, float]:
-    """Return the contact force and that on the shaft, N, along and across the load, and the sum of ``contact``."""
+) -> tuple[float, float, float, float, float, float]:
+    """Return the contact force and that on the shaft, N, along and across the load, and the sums of ``contact``."""
     balls, nodes = context
     node = node_of(stage)
-    f1, f2, mask = contact(x1, x2, p, balls, nodes, n, node, h)
+    f1, f2, mask, near = contact(x1, x2, p, balls, nodes, n, node, h)
     s1, s2 = _on_shaft(nodes.drive, n, node)
-    return f1, f2, s1, s2, mask
+    return f1, f2, s1, s2, mask, near
 
 
 @inlined
-def step(
-    x1: Axis, x2: Axis, h: float, e: Flow, p: NDArray[np.float64], force: Force, context: Context, n: Index
-) -> tuple[Axis, Axis, float, float, bool]:
-    """Return both axes after one Lawson-RK4 step, the contact force at its start, and whether a contact changed.
+def stages(
+    x1: Axis,
+    x2: Axis,
+    weight: tuple[float, float, float],
+    e: Flow,
+    f: Flow,
+    p: NDArray[np.float64],
+    force: Force,
+    context: Context,
+    n: Index,
+    reach: float,
+) -> tuple[Axis, Axis, Pair, Pair, Pair, Stage, bool, bool]:
+    """Return both axes after one Lawson-RK4 step, the contact force at its start and at both stages in its middle, the
+    states and contact force of the stage at its end, whether a contact changed, and whether one is near to changing.
 
-    ``force`` is ``forces``, with balls and nodes as its ``context``, or another function with its arguments and
-    results; ``n`` is the row of the step in ``nodes``, and ``e`` carries half of it.
+    Args:
+        weight: how long, s, the forces at start, middle and end act: three times the length of the step. Where the time
+            is a function of another variable, in which the step is taken, its slopes at start, middle and end, times
+            the step of that variable.
+        e, f: carry the first part of the step, up to the stages in its middle, and the second.
+        force: ``forces``, with balls and nodes as its ``context``, or another function with its arguments and results.
+        n: row of the step in ``nodes``.
+        reach: time from start or end, s, within which a change of a contact counts as near.
     """
     b_i, b_m, b_o = p[P_INV_M_I], p[P_INV_M], p[P_INV_M_O]
-    a1, a2, s1, s2, mask = force(x1, x2, p, context, n, np.int64(0), h)
+    h, m, t = weight
+    a1, a2, s1, s2, mask, near = force(x1, x2, p, context, n, np.int64(0), reach)
     y1, y2 = propagate(x1, e), propagate(x2, e)
     z1, z2 = kick(x1, 0.5 * h * a1, 0.5 * h * s1, b_i, b_m, b_o), kick(x2, 0.5 * h * a2, 0.5 * h * s2, b_i, b_m, b_o)
     z1, z2 = propagate(z1, e), propagate(z2, e)
     x1, x2 = kick(x1, h / 6.0 * a1, h / 6.0 * s1, b_i, b_m, b_o), kick(x2, h / 6.0 * a2, h / 6.0 * s2, b_i, b_m, b_o)
     x1, x2 = propagate(x1, e), propagate(x2, e)
-    g1, g2, s1, s2, mask_2 = force(z1, z2, p, context, n, np.int64(1), h)
-    x1, x2 = kick(x1, h / 3.0 * g1, h / 3.0 * s1, b_i, b_m, b_o), kick(x2, h / 3.0 * g2, h / 3.0 * s2, b_i, b_m, b_o)
-    z1, z2 = kick(y1, 0.5 * h * g1, 0.5 * h * s1, b_i, b_m, b_o), kick(y2, 0.5 * h * g2, 0.5 * h * s2, b_i, b_m, b_o)
-    g1, g2, s1, s2, mask_3 = force(z1, z2, p, context, n, np.int64(2), h)
-    x1, x2 = kick(x1, h / 3.0 * g1, h / 3.0 * s1, b_i, b_m, b_o), kick(x2, h / 3.0 * g2, h / 3.0 * s2, b_i, b_m, b_o)
-    z1, z2 = kick(y1, h * g1, h * s1, b_i, b_m, b_o), kick(y2, h * g2, h * s2, b_i, b_m, b_o)
-    z1, z2 = propagate(z1, e), propagate(z2, e)
-    g1, g2, s1, s2, mask_4 = force(z1, z2, p, context, n, np.int64(3), h)
-    x1, x2 = propagate(x1, e), propagate(x2, e)
-    x1, x2 = kick(x1, h / 6.0 * g1, h / 6.0 * s1, b_i, b_m, b_o), kick(x2, h / 6.0 * g2, h / 6.0 * s2, b_i, b_m, b_o)
-    return x1, x2, a1, a2, mask != mask_2 or mask != mask_3 or mask != mask_4 or mask < 0.0
+    b1, b2, s1, s2, mask_2, _ = force(z1, z2, p, context, n, np.int64(1), reach)
+    x1, x2 = kick(x1, m / 3.0 * b1, m / 3.0 * s1, b_i, b_m, b_o), kick(x2, m / 3.0 * b2, m / 3.0 * s2, b_i, b_m, b_o)
+    z1, z2 = kick(y1, 0.5 * m * b1, 0.5 * m * s1, b_i, b_m, b_o), kick(y2, 0.5 * m * b2, 0.5 * m * s2, b_i, b_m, b_o)
+    c1, c2, s1, s2, mask_3, _ = force(z1, z2, p, context, n, np.int64(2), reach)
+    x1, x2 = kick(x1, m / 3.0 * c1, m / 3.0 * s1, b_i, b_m, b_o), kick(x2, m / 3.0 * c2, m / 3.0 * s2, b_i, b_m, b_o)
+    z1, z2 = kick(y1, m * c1, m * s1, b_i, b_m, b_o), kick(y2, m * c2, m * s2, b_i, b_m, b_o)
+    z1, z2 = propagate(z1, f), propagate(z2, f)
+    g1, g2, s1, s2, mask_4, near_4 = force(z1, z2, p, context, n, np.int64(3), reach)
+    x1, x2 = propagate(x1, f), propagate(x2, f)
+    x1, x2 = kick(x1, t / 6.0 * g1, t / 6.0 * s1, b_i, b_m, b_o), kick(x2, t / 6.0 * g2, t / 6.0 * s2, b_i, b_m, b_o)
+    changed = mask != mask_2 or mask != mask_3 or mask != mask_4
+    return x1, x2, (a1, a2), (b1, b2), (c1, c2), (z1, z2, g1, g2), changed, near + near_4 > 0.0
+
+
+@inlined
+def step(
+    x1: Axis,
+    x2: Axis,
+    h: float,
+    e: Flow,
+    p: NDArray[np.float64],
+    force: Force,
+    context: Context,
+    n: Index,
+    reach: float,
+) -> tuple[Axis, Axis, float, float, bool, bool]:
+    """Return both axes after a step of length ``h``, the contact force at its start, whether a contact changed, and
+    whether one is near to changing; ``e`` carries half of it, the others: see ``stages``.
+    """
+    x1, x2, (a1, a2), _, _, _, changed, near = stages(x1, x2, (h, h, h), e, e, p, force, context, n, reach)
+    return x1, x2, a1, a2, changed, near
 
 
 @inlined

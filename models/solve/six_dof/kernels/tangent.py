@@ -103,7 +103,7 @@ def _slopes(
 @inlined
 def _noted_forces(
     x1: Axis, x2: Axis, p: NDArray[np.float64], context: Context, n: Index, stage: Index, h: float
-) -> tuple[float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float]:
     """Return the forces, and write the slopes of the contact force in the resting frame to the row of the stage."""
     balls, nodes, slopes = context
     node = node_of(stage)
@@ -126,14 +126,14 @@ def _noted_forces(
 @inlined
 def _linear_forces(
     x1: Axis, x2: Axis, p: NDArray[np.float64], context: NDArray[np.float64], n: Index, stage: Index, h: float
-) -> tuple[float, float, float, float, float]:
+) -> tuple[float, float, float, float, float, float]:
     """Return the change of the forces by a change of the state."""
     share = p[P_SHARE_R]
     u1, u2 = x1[0] - x1[2] - share * x1[4], x2[0] - x2[2] - share * x2[4]
     v1, v2 = x1[1] - x1[3] - share * x1[5], x2[1] - x2[3] - share * x2[5]
     f1 = context[stage, 0] * u1 + context[stage, 1] * u2 + context[stage, 4] * v1 + context[stage, 5] * v2
     f2 = context[stage, 2] * u1 + context[stage, 3] * u2 + context[stage, 6] * v1 + context[stage, 7] * v2
-    return f1, f2, 0.0, 0.0, 0.0
+    return f1, f2, 0.0, 0.0, 0.0, 0.0
 
 
 @kernel
@@ -152,13 +152,13 @@ def tangent_jacobian(state: NDArray[np.float64], period: Period) -> tuple[NDArra
     for segment in range(period.first.shape[0] - 1):
         h, e = period.flow[segment, 0], flow_row(period.flow, segment, 1)
         for n in range(period.first[segment], period.first[segment + 1]):
-            x1, x2, _, _, _ = step(x1, x2, h, e, p, _noted_forces, context, n)
+            x1, x2, _, _, _, _ = step(x1, x2, h, e, p, _noted_forces, context, n, 0.0)
             for stage in range(4):
                 parted = parted or slopes[stage, 4] + slopes[stage, 7] == 0.0
             for k in range(12):
                 t1 = (t[0, k], t[1, k], t[2, k], t[3, k], t[4, k], t[5, k])
                 t2 = (t[6, k], t[7, k], t[8, k], t[9, k], t[10, k], t[11, k])
-                t1, t2, _, _, _ = step(t1, t2, h, e, p, _linear_forces, slopes, n)
+                t1, t2, _, _, _, _ = step(t1, t2, h, e, p, _linear_forces, slopes, n, 0.0)
                 moved[0, k], moved[1, k], moved[2, k] = t1[0], t1[1], t1[2]
                 moved[3, k], moved[4, k], moved[5, k] = t1[3], t1[4], t1[5]
                 moved[6, k], moved[7, k], moved[8, k] = t2[0], t2[1], t2[2]

@@ -7,7 +7,7 @@ The scheme is that of ``models.solve.six_dof.kernels.step``. What differs from `
 * Between two events every ball stays on one smooth piece of its path, or on none, and every ball of a row can be called
   by its place among the n slots in which the cage stands, counted from the last turn by one pitch. Which slot meets
   which piece is listed beforehand, so that the loop over time decides nothing.
-* A step in which a ball meets or leaves its contact is taken again in SUBSTEPS parts.
+* A step beside an instant at which a contact changes is taken in parts as there; what they sum up is left.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ import numpy as np
 
 from models.platform.jit import inlined, kernel
 from models.solve.engine.kernel_stepping import TINY
+from models.solve.six_dof.kernels.instants import retake
+from models.solve.six_dof.kernels.parts import SUMS, Room, make_room
 from models.solve.six_dof.kernels.step import (
     P_OMEGA,
     P_PITCH,
@@ -35,10 +37,7 @@ from models.solve.six_dof.kernels.step import (
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from models.platform.jit import Index
-    from models.solve.six_dof.kernels.step import Axis
-
-SUBSTEPS = 8
+    from models.solve.six_dof.kernels.step import Axis, Flow
 
 
 class TimePlan(NamedTuple):
@@ -188,29 +187,42 @@ def _fill(t: float, h: float, half: tuple[float, float], interval: int, plan: Ti
         _fill_path(t, h, interval, plan, nodes)
 
 
-@kernel
-def _parts(
-    x1: Axis, x2: Axis, t: float, length: float, parts: Index, interval: int, plan: TimePlan, nodes: StepNodes
-) -> tuple[Axis, Axis, float, float, bool]:
-    """Return what ``_step`` does, for a time of any length, taken in some parts."""
-    h = length / parts
-    e = propagators(plan.parameter, h)
-    angle = 0.5 * h * plan.parameter[P_OMEGA]
-    half = (math.cos(angle), math.sin(angle))
-    f1, f2, changed = 0.0, 0.0, False
-    for part in range(parts):
-        here = t + part * h
-        _fill(here, h, half, interval, plan, nodes)
-        x1, x2, g1, g2, change = step(x1, x2, h, e, plan.parameter, forces, (plan.balls, nodes), np.int64(0))
-        if part == 0:
-            f1, f2 = g1, g2
-        changed = changed or change
-    return x1, x2, f1, f2, changed
+@inlined
+def _step(
+    x1: Axis,
+    x2: Axis,
+    t: float,
+    h: float,
+    e: Flow,
+    half: tuple[float, float],
+    interval: int,
+    plan: TimePlan,
+    nodes: StepNodes,
+    room: Room,
+    sums: NDArray[np.float64],
+) -> tuple[Axis, Axis, float, float]:
+    """Return both axes after a step of ``h`` from ``t`` on, without an event in it, and the contact force at ``t``."""
+    _fill(t, h, half, interval, plan, nodes)
+    y1, y2, g1, g2, changed, near = step(x1, x2, h, e, plan.parameter, forces, (plan.balls, nodes), np.int64(0), h)
+    if changed or near:
+        y1, y2, _, _, _ = retake(
+            *(x1, x2, y1, y2, h, h, changed),
+            *(plan.parameter, plan.balls, nodes, np.int64(0), room, sums),
+        )
+    return y1, y2, g1, g2
 
 
 @kernel
 def _broken_step(
-    x1: Axis, x2: Axis, t: float, end: float, i: int, plan: TimePlan, nodes: StepNodes
+    x1: Axis,
+    x2: Axis,
+    t: float,
+    end: float,
+    i: int,
+    plan: TimePlan,
+    nodes: StepNodes,
+    room: Room,
+    sums: NDArray[np.float64],
 ) -> tuple[Axis, Axis, float, float, int]:
     """Return both axes at ``end``, the contact force at ``t`` and the interval at ``end``: events lie between."""
     f1, f2, at_start = 0.0, 0.0, True
@@ -218,12 +230,13 @@ def _broken_step(
         while plan.bounds[i + 1] <= t + TINY:
             i += 1
         stop = min(end, plan.bounds[i + 1])
-        y1, y2, g1, g2, changed = _parts(x1, x2, t, stop - t, np.int64(1), i, plan, nodes)
-        if changed:
-            y1, y2, g1, g2, changed = _parts(x1, x2, t, stop - t, np.int64(SUBSTEPS), i, plan, nodes)
+        h = stop - t
+        angle = 0.5 * h * plan.parameter[P_OMEGA]
+        half, e = (math.cos(angle), math.sin(angle)), propagators(plan.parameter, h)
+        x1, x2, g1, g2 = _step(x1, x2, t, h, e, half, i, plan, nodes, room, sums)
         if at_start:
             f1, f2, at_start = g1, g2, False
-        x1, x2, t = y1, y2, stop
+        t = stop
     return x1, x2, f1, f2, i
 
 
@@ -247,6 +260,7 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, plan: T
     x2 = (state[1, 0], state[1, 1], state[1, 2], state[1, 3], state[1, 4], state[1, 5])
     size = plan.balls.moved.shape[1]
     nodes = StepNodes(np.empty((1, 3, 2)), np.zeros((1, 3, size)), np.zeros((1, 3, size)), _no_drive(plan.push))
+    room, sums = make_room(plan.balls, nodes), np.zeros(SUMS)
     e = propagators(plan.parameter, h)
     angle = 0.5 * h * plan.parameter[P_OMEGA]
     half = (math.cos(angle), math.sin(angle))
@@ -255,15 +269,10 @@ def run(state: NDArray[np.float64], wave: NDArray[np.float64], h: float, plan: T
         t, end = n * h, (n + 1) * h
         while plan.bounds[i + 1] <= t + TINY:
             i += 1
-        whole = plan.bounds[i + 1] >= end - TINY
-        g1, g2, y1, y2, changed = 0.0, 0.0, x1, x2, True
-        if whole:
-            _fill(t, h, half, i, plan, nodes)
-            y1, y2, g1, g2, changed = step(x1, x2, h, e, plan.parameter, forces, (plan.balls, nodes), np.int64(0))
-        if whole and changed:
-            y1, y2, g1, g2, _ = _parts(x1, x2, t, h, np.int64(SUBSTEPS), i, plan, nodes)
-        if not whole:
-            y1, y2, g1, g2, i = _broken_step(x1, x2, t, end, i, plan, nodes)
+        if plan.bounds[i + 1] >= end - TINY:
+            y1, y2, g1, g2 = _step(x1, x2, t, h, e, half, i, plan, nodes, room, sums)
+        else:
+            y1, y2, g1, g2, i = _broken_step(x1, x2, t, end, i, plan, nodes, room, sums)
         wave[n, 0], wave[n, 1] = accelerations(x1, x2, g1, g2, plan.parameter)
         x1, x2 = y1, y2
     bad = False

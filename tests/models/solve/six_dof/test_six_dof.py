@@ -17,6 +17,7 @@ from models.machine.scene import Defect, Floor, Scene
 from models.path.defect import ball_path, race_profile
 from models.solve.simulate import simulate
 from models.solve.six_dof.kernels import period as kernels
+from models.solve.six_dof.kernels.parts import path_within
 from models.solve.six_dof.kernels.path import NUDGE
 from models.solve.six_dof.kernels.period import blank_trace, mean_square
 from models.solve.six_dof.kernels.period_setup import add_quadrature
@@ -165,7 +166,7 @@ def test_interpolation_within_a_step_is_that_of_a_quintic() -> None:
     depth, rate = (np.array([[node[i] for node in nodes]]) for i in (0, 1))
     for place in np.linspace(0.0, 1.0, 9):
         within = StepNodes(np.empty((1, 3, 2)), np.empty((1, 3, 3)), np.empty((1, 3, 3)), None)
-        kernels._path_within(place, 1, span, StepNodes(within.turn, depth, rate, None), 0, within)
+        path_within(place, np.int64(1), span, StepNodes(within.turn, depth, rate, None), np.int64(0), within)
         value, slope = at(place)
         assert within.depth[0, 1] == pytest.approx(value, abs=1e-12)
         assert within.rate[0, 1] == pytest.approx(slope, abs=1e-10)

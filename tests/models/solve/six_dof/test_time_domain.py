@@ -80,14 +80,14 @@ def test_waveform_without_effects(scene: Scene, step: float, tolerance: float) -
     ],
 )
 def test_order_of_the_integrator(scene: Scene) -> None:
-    """The fourth order of Runge and Kutta, until the opening and closing of contacts shows."""
+    """The fourth order of Runge and Kutta, across the instants at which contacts open and close."""
     coarse, samples = 1.0 / 25600.0, 1280
     exact = waveform(scene, coarse / 32, 32 * samples)[::32]
     errors = [np.sqrt(np.mean((waveform(scene, coarse / n, n * samples)[::n] - exact) ** 2)) for n in (1, 2, 4)]
     orders = np.log2(np.array(errors[:-1]) / np.array(errors[1:]))
-    assert orders[0] > 3.5
-    assert orders[1] > 2.0
-    assert errors[2] < 5e-4 * np.sqrt(np.mean(exact**2))
+    assert orders[0] > 3.2
+    assert orders[1] > 3.5
+    assert errors[2] < 5e-5 * np.sqrt(np.mean(exact**2))
 
 
 @pytest.mark.parametrize(
@@ -129,7 +129,8 @@ def test_the_order_of_defects_does_not_matter() -> None:
     forth, back = (
         waveform(replace(SCENE, defect=d[0], more_defects=d[1:]), 1e-5, 4000) for d in (defects, defects[::-1])
     )
-    assert forth == pytest.approx(back, abs=1e-7)
+    # Rounding decides beside which steps an instant counts as near: far less than the error of the steps.
+    assert forth == pytest.approx(back, abs=1e-3)
 
 
 def test_balls_slip_alike_over_all_defects_of_a_race() -> None:
