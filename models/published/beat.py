@@ -25,7 +25,8 @@ SOURCE = "Sassi 2007"
 SHAFT = 1750.0 / 60.0
 """Speed of the case of Table 4 and Fig. 12, Hz."""
 DEFECT_SIZE = 0.72e-3
-RECORD = Request(duration=1.0, rate=48000.0, accuracy=5e-3)
+_DURATION = 1.0
+RECORD = Request(duration=_DURATION, rate=48000.0, accuracy=5e-3)
 """The record that Table 4 is compared on; neither its rate nor its length is printed."""
 _SEEDS = 20
 _KURTOSIS = 3.66
@@ -96,7 +97,7 @@ def _ring_masses() -> list[AcceptanceRow]:
 
 def _indicators() -> list[AcceptanceRow]:
     """Return the indicators of Table 4: the kurtosis decides the share of noise, the others follow."""
-    impacts = solve(inner_race_scene(), RECORD).acceleration(RECORD.rate, RECORD.duration)
+    impacts = solve(inner_race_scene(), RECORD).acceleration(RECORD.rate, _DURATION)
     share = math.sqrt((_KURTOSIS - 3.0) / (indicators(impacts)["KU"] - 3.0))
     noise = float(np.std(impacts)) * math.sqrt(1.0 / share - 1.0)
     draws = [np.random.default_rng(seed).standard_normal(len(impacts)) for seed in range(_SEEDS)]

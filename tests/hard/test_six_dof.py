@@ -48,8 +48,8 @@ def test_light_load_with_clearance_and_rough_floor(load: float) -> None:
     """Contact is lost and regained: either it repeats, or the answer says that it does not and by how much."""
     scene = Scene(40.0, load, clearance=1e-5, defect=Defect(20.0 * DEG, 20e-6, ROUGH))
     response, fine = simulate(scene), simulate(scene, steps_per_period=2048)
-    assert response.status in ("converged", "not_periodic")
-    slack = 3e-3 * fine.rms if response.status == "converged" else 4.0 * (response.spread + fine.spread)
+    assert response.status in (("converged",) if response.repeats else ("not_periodic", "inaccurate"))
+    slack = 3e-3 * fine.rms if response.repeats else 4.0 * (response.spread + fine.spread)
     assert response.rms == pytest.approx(fine.rms, abs=slack)
 
 
@@ -58,7 +58,9 @@ def test_a_motion_that_does_not_repeat_is_said_to() -> None:
     scene = Scene(24.3, 38.6, clearance=11.8e-6, defect=Defect(34.0 * DEG, 18.6e-6, ROUGH))
     coarse, fine = simulate(scene), simulate(scene, steps_per_period=1024)
     for response in (coarse, fine):
-        assert response.status == "not_periodic"
+        assert not response.repeats
+        # The level is not known to a thousandth.
+        assert response.status == "inaccurate"
         assert 0.03 < response.spread / response.rms < 0.5
     # The mean over the window is as far apart as the spread allows, not a figure to trust to the last digit.
     assert coarse.rms == pytest.approx(fine.rms, abs=coarse.spread)

@@ -119,7 +119,7 @@ def test_what_is_not_met_is_said() -> None:
 
 def test_the_end_of_the_steps_is_said() -> None:
     """Rounding, or the most steps that are taken, ends the halving before an accuracy of nothing is met."""
-    for accuracy in (1e-10, 1e-15)[: effort_count(quick=1, full=2)]:
+    for accuracy in (1e-12, 1e-15)[: effort_count(quick=1, full=2)]:
         beyond = simulate(replace(SCENE, speed=400.0), accuracy=accuracy)
         assert beyond.status == "inaccurate"
         assert accuracy < beyond.rms_error < 1e-6

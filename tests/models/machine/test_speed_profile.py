@@ -87,7 +87,8 @@ def test_a_profile_of_one_speed_is_that_speed(part: Part) -> None:
     scene = replace(BASE, defect=Defect(0.3, 2e-5, part=part), unbalance=1e-3, waviness=WAVES)
     one = replace(scene, speed_profile=constant(40.0, 0.05))
     assert one.effects == (*scene.effects, "changing_speed")
-    assert from_rest(one, 1e-5, 4000) == pytest.approx(from_rest(scene, 1e-5, 4000), abs=1e-6)
+    # Rounding decides which steps end at an instant of contact.
+    assert from_rest(one, 1e-5, 4000) == pytest.approx(from_rest(scene, 1e-5, 4000), abs=1e-4)
 
 
 @pytest.mark.parametrize("part", ["outer", "inner", "ball"])

@@ -14,7 +14,6 @@ import pytest
 from numpy.typing import NDArray
 
 from models.machine.bearing import Bearing, from_catalogue
-from models.machine.rig import Rig
 from models.machine.scene import Defect, Scene, Waviness
 from models.solve.angular.rig import AngularRig
 from models.solve.angular.solver import trace
@@ -25,8 +24,8 @@ from models.solve.six_dof.kernels.step import STATUS_OK
 from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
 from models.solve.six_dof.time_domain import prepare_plan
 from reference.periods import period_of, run
+from tests.support.orders import HEALTHY, OPENING, PIT, relative, slope
 
-HEALTHY = Scene(40.0, 4000.0)
 WAVY = {
     "healthy": HEALTHY,
     "13 waves": replace(HEALTHY, waviness=(Waviness(1e-6, 13),)),
@@ -34,24 +33,8 @@ WAVY = {
     "9 waves, 6205": replace(HEALTHY, bearing=from_catalogue("6205"), waviness=(Waviness(2e-6, 9, phase=0.3),)),
     "gravity across": replace(HEALTHY, gravity=50.0, gravity_angle=0.5 * math.pi, waviness=(Waviness(1e-6, 13),)),
 }
-PIT = Defect(math.radians(4.236), 500e-6)
-BARREL = replace(from_catalogue("1205 ETN9"), designation="barrel", element="roller", effective_length=8e-3)
-OPENING = {
-    "pit": Scene(30.0, 2000.0, defect=PIT),
-    "rollers, pit": Scene(40.0, 4000.0, BARREL, Rig(k_c=1.2e9, element="roller"), PIT),
-    "spall": replace(HEALTHY, defect=Defect(math.radians(20.0), 20e-6)),
-}
 REFINED = (1, 2, 4)
 FINE = 32
-
-
-def slope(errors: list[float]) -> float:
-    """Return the exponent with which errors fall, each with half the step of the one before."""
-    return float(-np.polyfit(np.arange(len(errors)), np.log2(errors), 1)[0])
-
-
-def relative(found: NDArray[np.float64], exact: NDArray[np.float64]) -> float:
-    return float(np.sqrt(np.mean((found - exact) ** 2) / np.mean(exact**2)))
 
 
 @pytest.mark.parametrize("name", list(WAVY))

@@ -167,6 +167,6 @@ def test_the_heat_of_the_dampers_is_the_work_of_the_drive(name: str) -> None:
 def test_a_balance_without_one_of_its_terms_does_not_close(name: str, dampers: int) -> None:
     """The test above tells: each damper takes more than the tolerance, c_r the least (of healthy rollers 2e-8)."""
     powers = powers_of(SCENES[name], 1024)
-    assert powers.heat == pytest.approx(powers.drive, rel=1e-6)
+    assert powers.heat == pytest.approx(powers.drive, rel=3e-6)
     for part in sorted((powers.shaft, powers.casing, powers.contacts))[-dampers:]:
         assert powers.heat - part != pytest.approx(powers.drive, rel=1e-5)

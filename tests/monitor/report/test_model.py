@@ -137,7 +137,8 @@ def test_holes_in_a_map_are_left_out(rms_map: RmsMap, tmp_path: Path) -> None:
     holes, nothing = rms_map.rms.copy(), np.full_like(rms_map.rms, np.nan)
     holes[0, 0, 2, 3] = np.nan
     write_sheet(map_sheet(replace(rms_map, rms=holes)), tmp_path / "holes.html")
-    assert "NaN" not in (tmp_path / "holes.html").read_text(encoding="utf-8")
+    # A picture in base64 may hold the letters.
+    assert "NaN" not in re.sub(r"base64,[^\"]*", "", (tmp_path / "holes.html").read_text(encoding="utf-8"))
     assert map_sheet(replace(rms_map, rms=holes)).parts[0].data["rms_most_g"][1] == pytest.approx(
         rms_map.rms[1].max() / STANDARD_GRAVITY
     )

@@ -18,7 +18,7 @@ from models.solve.six_dof.kernels import instants as kernels
 from models.solve.six_dof.kernels.period import Period, PeriodTrace, blank_trace, mean_square
 from models.solve.six_dof.kernels.step import P_CLEARANCE
 from reference.periods import orbit_of, period_of, run
-from tests.models.solve.test_order import OPENING, relative, slope
+from tests.support.orders import OPENING, relative, slope
 
 ONE_ROW = from_catalogue("6205")
 LOADED = Scene(40.0, 4000.0, ONE_ROW)
