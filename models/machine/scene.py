@@ -306,6 +306,11 @@ class Scene:
         """All defects."""
         return () if self.defect is None else (self.defect, *self.more_defects)
 
+    @property
+    def first_part(self) -> Part:
+        """The part of the first defect, whose passages lines are counted by; the outer race where there is none."""
+        return "outer" if self.defect is None else self.defect.part
+
     @cached_property
     def healthy(self) -> Scene:
         """The scene without its defects."""

@@ -101,8 +101,7 @@ class Response:
         levels: RMS (over several periods where the motion does not repeat) and largest absolute value of each sensor
             in ``rms_band``; ``rms`` and ``peak`` are those of the first.
         rms_error: relative error of ``rms``, estimated: that of the steps from halving them (and a second opinion:
-            models.solve.six_dof.kernels.settled), and where the motion does
-            not repeat ``averaging_error`` beside it.
+            models.solve.six_dof.kernels.settled), and where the motion does not repeat ``averaging_error`` beside it.
         averaging_error: the part of ``rms_error`` that is left by the length of the time averaged; where the motion
             does not repeat, 95 % of such errors are within it.
         rms_se: the standard error of that mean, m/s2; zero where the motion repeats, or its speed changes.

@@ -402,7 +402,7 @@ def _without_weak(scene: Scene, request: Request, solver: Solver) -> Response | 
         lighter = weak.without(scene)
         plain = select(lighter, asked)
         # The first lines are those of the first defect's part.
-        other_lines = request.quantity == "lines" and _first_part(scene) != _first_part(lighter)
+        other_lines = request.quantity == "lines" and scene.first_part != lighter.first_part
         if other_lines or plain.solver.cost(lighter, asked) > WORTH * solver.cost(scene, request):
             return None
         found = plain.answer()
@@ -410,10 +410,6 @@ def _without_weak(scene: Scene, request: Request, solver: Solver) -> Response | 
     except ValueError:
         return None
     return _leaving_out(found, changes, request) if changes else None
-
-
-def _first_part(scene: Scene) -> str:
-    return "outer" if scene.defect is None else scene.defect.part
 
 
 def _leaving_out(found: Response, changes: dict[str, EffectBound], request: Request) -> Response | None:

@@ -22,6 +22,8 @@ _PAUSE_S = 0.1
 class Entrance:
     """Accepts the connections of one listening socket; asyncio would take all that come, and limit none before TLS."""
 
+    _group: asyncio.TaskGroup
+
     def __init__(
         self,
         listening: socket,
@@ -37,9 +39,8 @@ class Entrance:
         # Connections that are not with the protocol yet: those that shake hands.
         self._opening: Door[asyncio.Task[None]] = Door(door.in_all, door.per_client, lambda _: (0, 0.0), visits)
         self._opening.refused = self._refused = door.refused
-        self._waiting = WaitingRoom(self._admit, self._refuse)
+        self._waiting = WaitingRoom(self._admit, self._note_refusal)
         self._crowd = asyncio.Event()
-        self._group = asyncio.TaskGroup()
 
     async def run(self) -> None:
         """Accept until cancelled."""
@@ -73,9 +74,8 @@ class Entrance:
         if self._waiting:
             self._crowd.set()
 
-    def _refuse(self, connection: socket) -> None:
+    def _note_refusal(self) -> None:
         self._refused["rate"] += 1
-        connection.close()
 
     async def _let_in(self) -> None:
         while True:

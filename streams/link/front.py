@@ -11,6 +11,7 @@ import random
 import time
 from collections import Counter
 from collections.abc import Callable, Hashable
+from socket import socket
 from typing import Any, Generic, Literal, TypeVar, get_args
 
 from models.words.errors import SpallwatchError
@@ -137,23 +138,23 @@ class Door(Generic[Connection]):
         }
 
 
-class WaitingRoom(Generic[Connection]):
+class WaitingRoom:
     """New connections of clients that connect too often; they wait for their turn.
 
     Where too many wait, any one of the client with the most is refused: who shares an address with a crowd has its turn
     in a second or two, in a flood a chance.
     """
 
-    def __init__(self, admit: Callable[[Connection, str], bool], refuse: Callable[[Connection], object]) -> None:
-        """Take what admits a connection of an address, or returns that it has to wait, and what ends one."""
-        self._admit, self._refuse = admit, refuse
-        self._queues: dict[str, list[tuple[Connection, str]]] = {}
+    def __init__(self, admit: Callable[[socket, str], bool], refused: Callable[[], object]) -> None:
+        """Take what admits a connection of an address, or returns that it has to wait, and what notes a refusal."""
+        self._admit, self._refused = admit, refused
+        self._queues: dict[str, list[tuple[socket, str]]] = {}
 
     def __bool__(self) -> bool:
         """Return whether there are any."""
         return bool(self._queues)
 
-    def arrive(self, connection: Connection, address: str) -> None:
+    def arrive(self, connection: socket, address: str) -> None:
         """Admit a new connection, or have it wait behind those of its client."""
         client = client_of(address)
         if client not in self._queues and self._admit(connection, address):
@@ -163,7 +164,8 @@ class WaitingRoom(Generic[Connection]):
         if len(queue) > WAITING or sum(map(len, self._queues.values())) > WAITING_IN_ALL:
             # The first, or the last, would always be of the one who is quickest.
             queue = max(self._queues.values(), key=len)
-            self._refuse(queue.pop(random.randrange(len(queue)))[0])
+            queue.pop(random.randrange(len(queue)))[0].close()
+            self._refused()
 
     def let_in(self) -> None:
         """Admit those that may come in now, one of each client in turn."""
@@ -181,7 +183,7 @@ class WaitingRoom(Generic[Connection]):
         """End all that wait."""
         for queue in self._queues.values():
             for connection, _ in queue:
-                self._refuse(connection)
+                connection.close()
         self._queues.clear()
 
 

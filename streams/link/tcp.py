@@ -76,7 +76,7 @@ class TcpReceiver(Receiver):
         most = self._network.max_connections
         visits = Visits(max(_CONNECTIONS_PER_S, most), 2.0 * max(_CONNECTIONS_PER_S, most))
         self._door = Door(most, most, self._idleness, visits)
-        self._waiting: WaitingRoom[socket.socket] = WaitingRoom(self._admit, self._turn_away)
+        self._waiting = WaitingRoom(self._admit, self._note_crowd)
         self._guesses = Guesses()
         self._rate = Bucket(_ACCEPTED_PER_S, _ACCEPTED_PER_S / 10.0)
         self._deaf_until = 0.0
@@ -227,10 +227,9 @@ class TcpReceiver(Receiver):
                 self._deaf_until = time.monotonic() + wait
                 return
 
-    def _turn_away(self, connection: socket.socket) -> None:
+    def _note_crowd(self) -> None:
         self._door.refused["rate"] += 1
         self._refused("connections come too often")
-        connection.close()
 
     def _admit(self, connection: socket.socket, address: str) -> bool:
         """Wait for the hello of a new connection, or refuse it; return whether it need not wait for its turn."""

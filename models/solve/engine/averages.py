@@ -71,7 +71,7 @@ def mean_error(values: NDArray[np.float64]) -> MeanError:
 
 
 @dataclass(frozen=True)
-class Levels:
+class MeanLevels:
     """The level of one signal.
 
     Attributes:
@@ -101,7 +101,7 @@ class Levels:
         return self.scatter if self.same(repeats=repeats) else self.bound
 
 
-def levels_of(signal: NDArray[np.float64], blocks: float) -> Levels:
+def levels_of(signal: NDArray[np.float64], blocks: float) -> MeanLevels:
     """Return the levels over ``blocks`` blocks; the last, broken one is left out, because it would bias the mean."""
     count = math.floor(blocks + 1e-9)
     energy = np.concatenate(([0.0], np.cumsum(signal**2)))
@@ -114,7 +114,7 @@ def levels_of(signal: NDArray[np.float64], blocks: float) -> Levels:
     peaks = np.maximum.reduceat(np.abs(signal), first)
     spread, peak_spread = float(np.std(np.sqrt(means), ddof=1)), float(np.std(peaks))
     if not 0.0 < power < math.inf:
-        return Levels(rms, 0.0, 0.0, 0.0, spread, drift, peak_spread)
+        return MeanLevels(rms, 0.0, 0.0, 0.0, spread, drift, peak_spread)
     # The relative error of a level is half that of its square.
     known, scatter = mean_error(means / power), float(np.std(means, ddof=1)) / math.sqrt(count) / power
-    return Levels(rms, 0.5 * known.standard * rms, 0.5 * known.bound, 0.5 * scatter, spread, drift, peak_spread)
+    return MeanLevels(rms, 0.5 * known.standard * rms, 0.5 * known.bound, 0.5 * scatter, spread, drift, peak_spread)

@@ -157,13 +157,11 @@ def lines_over_angle(record: SignalRecord, profile: SpeedProfile, per_turn: floa
 
 def passage_rate(scene: Scene) -> float:
     """Return the rate at which balls pass the first defect of a scene, Hz; BPFO where it has none."""
-    part, bearing = "outer", scene.bearing
-    if scene.defect is not None:
-        part = scene.defect.part
-        if scene.defect.support == "b" and scene.second_bearing is not None:
-            bearing = scene.second_bearing
+    bearing = scene.bearing
+    if scene.defect is not None and scene.defect.support == "b" and scene.second_bearing is not None:
+        bearing = scene.second_bearing
     lines = kinematics(bearing, scene.speed)
-    return {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[part]
+    return {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[scene.first_part]
 
 
 MOST_TURNS = 20

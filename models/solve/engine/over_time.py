@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.machine.speed_profile import constant
-from models.solve.engine.averages import Levels, levels_of
+from models.solve.engine.averages import MeanLevels, levels_of
 from models.solve.engine.motion import ERROR_OF_WAVE, SILENCE, Motion, lines_over_angle, margin_of, sampled_at
 from models.solve.response import HARMONICS, PASSBAND, Response, SignalRecord, Status, band_passed, judged, lines_error
 from models.words.request import MEANS, USUAL_SECONDS, Request
@@ -198,7 +198,7 @@ def _left(accuracy: float, error: float) -> float:
     return accuracy - min(error, 0.5 * accuracy)
 
 
-def _averaged(level: Levels, motion: Motion) -> float:
+def _averaged(level: MeanLevels, motion: Motion) -> float:
     """Return the relative error of the RMS by the length; where the speed changes, the level is that of the time."""
     if motion.per_turn is not None or level.rms <= SILENCE:
         return 0.0
@@ -306,7 +306,7 @@ class _Run:
 class _Measured:
     """What a run gave: levels and peaks of all sensors, and the signal."""
 
-    levels: tuple[Levels, ...]
+    levels: tuple[MeanLevels, ...]
     peaks: tuple[float, ...]
     record: SignalRecord
 
@@ -372,7 +372,7 @@ def _line_count(request: Request, bpfo: float) -> int:
     return max(HARMONICS, math.ceil((passed if request.lines_to is None else request.lines_to) / bpfo))
 
 
-def _status(levels: Levels, *, finite: bool, steady: bool) -> Status:
+def _status(levels: MeanLevels, *, finite: bool, steady: bool) -> Status:
     """Return whether there is a level; of all else, ``judged`` decides. ``steady``: whether the speed is one."""
     if not finite or not math.isfinite(levels.rms):
         return "not_converged"

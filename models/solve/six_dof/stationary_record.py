@@ -48,8 +48,7 @@ _APART = 37
 def line_frequency(scene: Scene) -> float:
     """Return the frequency whose multiples are the lines of the damaged part, Hz: BPFO, BPFI, or twice BSF."""
     lines = kinematics(scene.bearing, scene.speed)
-    part = "outer" if scene.defect is None else scene.defect.part
-    return {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[part]
+    return {"outer": lines.bpfo, "inner": lines.bpfi, "ball": 2.0 * lines.bsf}[scene.first_part]
 
 
 def healthy(scene: Scene) -> Scene:

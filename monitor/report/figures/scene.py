@@ -186,8 +186,8 @@ def scene_sheet(
 def fundamental_of(scene: Scene) -> tuple[float, str]:
     """Return the passage frequency of the damage (Hz) and its name; for a healthy bearing BPFO."""
     lines = kinematics(scene.bearing, scene.speed)
-    part = "outer" if scene.defect is None else scene.defect.part
-    return {"outer": (lines.bpfo, "BPFO"), "inner": (lines.bpfi, "BPFI"), "ball": (2.0 * lines.bsf, "twice BSF")}[part]
+    names = {"outer": (lines.bpfo, "BPFO"), "inner": (lines.bpfi, "BPFI"), "ball": (2.0 * lines.bsf, "twice BSF")}
+    return names[scene.first_part]
 
 
 def passages(scene: Scene, until: float) -> list[tuple[float, float]]:

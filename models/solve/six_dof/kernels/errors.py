@@ -32,7 +32,7 @@ _SHARE_OF_LINE = 0.3
 _TELLING = 0.05
 
 
-class Levels(NamedTuple):
+class GridLevels(NamedTuple):
     """What grids of steps show of a motion, by the Q_ constants, m/s2, (Q_LINES + lines,) each.
 
     Attributes:
@@ -50,11 +50,11 @@ class Levels(NamedTuple):
 
 
 @kernel
-def blank_levels(lines: int) -> Levels:
+def blank_levels(lines: int) -> GridLevels:
     """Return room for so many lines."""
     room = np.zeros((5, Q_LINES + lines))
     room[3:] = math.nan
-    return Levels(room[0], room[1], room[2], room[3], room[4])
+    return GridLevels(room[0], room[1], room[2], room[3], room[4])
 
 
 @kernel
@@ -108,7 +108,7 @@ def _unit(values: NDArray[np.float64], q: int) -> tuple[float, float]:
 
 
 @kernel
-def judge(levels: Levels, wave: float, wave_before: float, change: float) -> None:
+def judge(levels: GridLevels, wave: float, wave_before: float, change: float) -> None:
     """Write the errors of all quantities on a grid as halving the steps tells them.
 
     ``wave``, ``wave_before``: as in ``error_estimate``; ``change``: of the waveform by what is left to settle.
@@ -128,7 +128,7 @@ def judge(levels: Levels, wave: float, wave_before: float, change: float) -> Non
 
 
 @kernel
-def judge_again(levels: Levels, wave: float, change: float) -> None:
+def judge_again(levels: GridLevels, wave: float, change: float) -> None:
     """Write the errors of all quantities on a grid of which there is a second opinion.
 
     What both differ by is about the error of the coarser one. It shares nothing with the change by halving, so that
@@ -159,7 +159,7 @@ def largest_line(values: NDArray[np.float64]) -> float:
 
 
 @kernel
-def asked_error(levels: Levels, quantity: int) -> float:
+def asked_error(levels: GridLevels, quantity: int) -> float:
     """Return the relative error of the quantity that is asked for; of lines the largest over the largest line."""
     if quantity == Q_LINES:
         return relative(largest_line(levels.errors), largest_line(levels.now))

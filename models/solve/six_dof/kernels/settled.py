@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.platform.jit import Index
-    from models.solve.six_dof.kernels.errors import Levels
+    from models.solve.six_dof.kernels.errors import GridLevels
     from models.solve.six_dof.kernels.period import Period, PeriodTrace
     from models.solve.six_dof.kernels.period_setup import OperatingPoint
 
@@ -275,7 +275,7 @@ def ask_again(
 
 
 @kernel
-def _note(levels: Levels, trace: PeriodTrace, found: NDArray[np.float64]) -> None:
+def _note(levels: GridLevels, trace: PeriodTrace, found: NDArray[np.float64]) -> None:
     """Write levels and errors of the last grid to their places."""
     now, errors = levels.now, levels.errors
     found[R_RMS], found[R_ERROR] = now[Q_RMS], relative(errors[Q_RMS], now[Q_RMS])
