@@ -149,7 +149,8 @@ def lines(
 ) -> NDArray[np.float64]:
     """Return the Fourier coefficients 0..count of a period, (sensors, 2, count + 1): sensor, real and imaginary part.
 
-    The values of each segment are equally spaced, so that each line turns by the same angle from one to the next.
+    The values of each segment are equally spaced, so that each line turns by the same angle from one to the next. A
+    step in parts enters by its mean and its first moment about its middle; the second is taken as that of a constant.
 
     Args:
         trace, time, first: of the period.
@@ -175,11 +176,16 @@ def lines(
                     c[i] = turned
         for n in range(first[k], first[k + 1]):
             if trace.changed[n]:
-                _fill_turns(math.pi * (time[n + k] + time[n + k + 1]) / duration, c, s)
-                for sensor in range(sensors):
-                    for i in range(count + 1):
-                        sums[sensor, 0, i] += trace.parts[n, sensor] * c[i]
-                        sums[sensor, 1, i] -= trace.parts[n, sensor] * s[i]
+                at, after = time[n + k], time[n + k + 1]
+                _fill_turns(math.pi * (at + after) / duration, c, s)
+                for i in range(count + 1):
+                    # The line turns by this angle in a second; moments of the part up to the second one.
+                    turn = 2.0 * math.pi * i / duration
+                    share = 1.0 - (turn * (after - at)) ** 2 / 24.0
+                    for sensor in range(sensors):
+                        even, odd = share * trace.parts[n, sensor], turn * trace.parts[n, 4 + sensor]
+                        sums[sensor, 0, i] += even * c[i] - odd * s[i]
+                        sums[sensor, 1, i] -= even * s[i] + odd * c[i]
     return sums
 
 
