@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -89,11 +89,14 @@ class WeakEffects:
         without: returns a scene without them; raises a ValueError that names what the model does not describe.
         bounds: returns, of a scene and the response without them, the bound of each that the scene has, by name;
             infinite where none is known.
+        add: returns, of a scene, the one without them and its response, what a request allows them as an error and the
+            names of some, the response with these; None where it is not known so well.
     """
 
     names: frozenset[str]
     without: Callable[[Scene], Scene]
     bounds: Callable[[Scene, Response], dict[str, EffectBound]]
+    add: Callable[[Scene, Scene, Response, Request, Collection[str]], Response | None]
 
 
 def load(place: str) -> Any:

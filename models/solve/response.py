@@ -90,6 +90,28 @@ class LeftOut(NamedTuple):
     bound: float
 
 
+class Added(NamedTuple):
+    """Effects of a scene whose lines stand beside those of the ball passage, at m * frequency + k * bpfo.
+
+    Attributes:
+        effects: names in ``models.machine.scene.EFFECTS``.
+        frequency: Hz.
+        coefficients: c_mk of exp(2 pi i (m frequency + k bpfo) t), m = 1..M, k = -K..K, m/s2, shape (sensors, M,
+            2 K + 1); the amplitude of a line is twice that. M is zero where the motion repeats with the ball passage.
+    """
+
+    effects: tuple[str, ...]
+    frequency: float
+    coefficients: NDArray[np.complex128]
+
+    def lines(self, bpfo: float, row: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return frequencies, Hz, and amplitudes of the lines of a sensor."""
+        orders, half = self.coefficients.shape[1], self.coefficients.shape[2] // 2
+        shaft = self.frequency * np.arange(1.0, orders + 1.0, dtype=np.float64)
+        frequency = np.abs(shaft[:, None] + bpfo * np.arange(-half, half + 1.0, dtype=np.float64))
+        return frequency.ravel(), 2.0 * np.abs(self.coefficients[row]).ravel()
+
+
 @dataclass(frozen=True, eq=False)
 class Response:
     """The settled vibration of one scene, in m/s2 (sensor "ias": rad/s).
@@ -143,6 +165,7 @@ class Response:
             the speed changes, lines are those over the angle, of a shaft that turns at the speed of the scene, and
             there are HARMONICS of them.
         left_out: effects that are not in the answer.
+        added: effects that were added to the motion that repeats, with lines of their own; None where there are none.
     """
 
     levels: tuple[tuple[float, float], ...]
@@ -172,6 +195,7 @@ class Response:
     profile: SpeedProfile | None = None
     left_out: tuple[LeftOut, ...] = ()
     averaging_error: float = 0.0
+    added: Added | None = None
 
     def turns(self) -> NDArray[np.float64]:
         """Return how far the shaft has turned at the samples of the record since the first, revolutions, (samples,).
@@ -229,6 +253,7 @@ class Response:
             harmonics_error=self.harmonics_error * share,
             rms_se=self.rms_se * share,
             spread=self.spread * share,
+            added=self.added and self.added._replace(coefficients=self.added.coefficients[order]),
         )
 
     @property
@@ -255,6 +280,14 @@ class Response:
         amplitude = 2.0 * np.abs(self.coefficients[row_of(self.sensors, sensor), 1:])
         return np.arange(1.0, len(amplitude) + 1.0) * self.bpfo, amplitude
 
+    def all_lines(self, sensor: Sensor | None = None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what ``lines`` does, and behind them those of the effects that were added."""
+        frequency, amplitude = self.lines(sensor)
+        if self.added is None:
+            return frequency, amplitude
+        beside = self.added.lines(self.bpfo, row_of(self.sensors, sensor))
+        return np.append(frequency, beside[0]), np.append(amplitude, beside[1])
+
     def rms_in_band(self, low: float, high: float, sensor: Sensor | None = None) -> float:
         """Return the RMS between two frequencies, both included, Hz: of the lines, or of the record.
 
@@ -264,9 +297,9 @@ class Response:
         check_band((low, high))
         if self.record is not None:
             return self.record.levels_in_band(low, high, sensor)[0]
-        frequency, amplitude = self.lines(sensor)
-        if high > frequency[-1] + self.bpfo:
-            raise ValueError(f"band ends at {high!r} Hz, the response was computed up to {frequency[-1]:.0f} Hz")
+        frequency, amplitude = self.all_lines(sensor)
+        if high > (highest := self.bpfo * (self.coefficients.shape[1] - 1)) + self.bpfo:
+            raise ValueError(f"band ends at {high!r} Hz, the response was computed up to {highest:.0f} Hz")
         inside = (frequency >= low) & (frequency <= high)
         return math.sqrt(0.5 * float(np.sum(amplitude[inside] ** 2)))
 
@@ -292,18 +325,26 @@ class Response:
         check_positive(rate=rate, duration=duration)
         if self.record is not None:
             return self._recorded(self.record, rate, duration, phase, sensor=sensor, band=band)
-        low, high = (0.0, math.inf) if band is None else check_band(band)
-        coefficients = 2.0 * self.coefficients[row_of(self.sensors, sensor)]
-        frequency = self.bpfo * np.arange(len(coefficients))
-        keep = (frequency >= low) & (frequency <= high) & (frequency <= PASSBAND * 0.5 * rate) & (frequency > 0.0)
-        coefficients = np.where(keep, coefficients, 0.0)[: int(np.flatnonzero(keep)[-1]) + 1 if keep.any() else 1]
+        row, (low, high) = row_of(self.sensors, sensor), (0.0, math.inf) if band is None else check_band(band)
+        high = min(high, PASSBAND * 0.5 * rate)
+        # Orders of a frequency beside the ball passage, and the lines of each from a lowest multiple of it on.
+        orders: list[tuple[float, int, NDArray[np.complex128]]] = [(0.0, 0, self.coefficients[row])]
+        if self.added is not None:
+            half = self.added.coefficients.shape[2] // 2
+            beside = enumerate(self.added.coefficients[row], 1)
+            orders += [(m * self.added.frequency, -half, lines) for m, lines in beside]
         samples = round(rate * duration)
-        signal = np.empty(samples)
-        for start in range(0, samples, _CHUNK):
-            n = np.arange(start, min(start + _CHUNK, samples))
-            # The phase is reduced to one turn before it is multiplied by k, so that long signals lose no digits.
-            turn = np.mod(n * (self.bpfo / rate), 1.0)
-            signal[start : start + len(n)] = _series(coefficients, np.exp(1j * (2.0 * np.pi * turn + phase)))
+        signal = np.zeros(samples)
+        for frequency, first, lines in orders:
+            at = np.abs(frequency + self.bpfo * np.arange(first, first + len(lines)))
+            keep = (at >= low) & (at <= high) & (at > 0.0)
+            kept = np.where(keep, 2.0 * lines, 0.0)[: int(np.flatnonzero(keep)[-1]) + 1 if keep.any() else 1]
+            for start in range(0, samples, _CHUNK):
+                n = np.arange(start, min(start + _CHUNK, samples))
+                # The phase is reduced to one turn before it is multiplied by k, so that long signals lose no digits.
+                turn = 2.0 * np.pi * np.mod(n * (self.bpfo / rate), 1.0) + phase
+                other = 2.0 * np.pi * np.mod(n * (frequency / rate), 1.0) + frequency / self.bpfo * phase
+                signal[start : start + len(n)] += _series(kept, np.exp(1j * turn), first * turn + other)
         return signal
 
     @staticmethod
@@ -356,13 +397,15 @@ def row_of(sensors: tuple[Sensor, ...], sensor: Sensor | None) -> int:
     return sensors.index(sensor)
 
 
-def _series(coefficients: NDArray[np.complex128], unit: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the real part of sum c_k unit**k by Horner's rule."""
+def _series(
+    coefficients: NDArray[np.complex128], unit: NDArray[np.complex128], turned: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the real part of exp(i turned) sum c_k unit**k by Horner's rule."""
     total = np.full(unit.shape, coefficients[-1], dtype=np.complex128)
     for c in coefficients[-2::-1]:
         np.multiply(total, unit, out=total)
         np.add(total, c, out=total)
-    return np.real(total)
+    return np.real(total * np.exp(1j * turned))
 
 
 def _at_multiples(values: NDArray[np.float64], turn: float, count: int) -> NDArray[np.complex128]:

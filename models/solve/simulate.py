@@ -294,7 +294,9 @@ def simulate(
 
     A motion that nothing but the ball passages drives is solved for one ball period; any other is simulated over time
     and averaged. Effects that make it such a one, but are bound to change ``quantity`` by less than a third of the
-    accuracy, are left out (``Response.left_out``). ``Response.why`` says what was taken.
+    accuracy, are left out (``Response.left_out``); what else the shaft drives, and further defects of the outer race,
+    are added as lines of their own where their error is known (``Response.added``). ``Response.why`` says what was
+    taken.
 
     Args:
         accuracy: relative error of ``quantity`` that is asked for. Steps are halved until its estimate,
@@ -380,7 +382,7 @@ def _answer(scene: Scene, request: Request) -> Response:
     return found if usable and found.error <= request.accuracy else chosen.instead.answer()
 
 
-# Share of the accuracy that effects which are left out may have in all.
+# Share of the accuracy that effects which are left out, or added, may have in all.
 _LEFT_OUT = 1.0 / 3.0
 # Relative change of the peak over that of the waveform, and change of the amplitude of a line over its RMS.
 _OF_PEAK, _OF_LINE = 2.0, math.sqrt(2.0)
@@ -391,8 +393,8 @@ _LEAST_LINE = 1e-300
 def _without_weak(scene: Scene, request: Request, solver: Solver) -> Response | None:
     """Return the response without the effects of a scene that are too small to matter, None where they may matter.
 
-    They are left out where another solver is cheaper without them, and all of them together change what is asked for by
-    a share of the accuracy at most.
+    It is taken where another solver is cheaper without them, all that are left out together change what is asked for by
+    a share of the accuracy at most, and the others can be added to it.
     """
     weak = weak_effects(solver.model)
     if weak is None or request.steps_per_period is not None or weak.names.isdisjoint(scene.effects):
@@ -406,34 +408,59 @@ def _without_weak(scene: Scene, request: Request, solver: Solver) -> Response | 
         if other_lines or plain.solver.cost(lighter, asked) > WORTH * solver.cost(scene, request):
             return None
         found = plain.answer()
-        changes = weak.bounds(scene, found) if found.status == "converged" else {}
+        if found.status != "converged":
+            return None
+        changes = weak.bounds(scene, found)
+        small = _small(found, changes, request)
+        others = [name for name in changes if name not in small]
+        if others:
+            left = replace(request, accuracy=_LEFT_OUT * request.accuracy - sum(small.values()))
+            added = weak.add(scene, lighter, found, left, others)
+            if added is None:
+                return None
+            named = ", ".join(EFFECTS[name] for name in others)
+            why = f"{'' if found.why is None else f'{found.why}; '}added to it, with lines of their own: {named}"
+            found = replace(added, why=why)
     except ValueError:
         return None
-    return _leaving_out(found, changes, request) if changes else None
+    found = judged(_leaving_out(found, changes, small, request) if small else found, request)
+    return None if others and found.status == "inaccurate" else found
 
 
-def _leaving_out(found: Response, changes: dict[str, EffectBound], request: Request) -> Response | None:
-    """Return a response whose errors contain those of what it leaves out, None where that exceeds its share."""
-    waves = {name: change.wave for name, change in changes.items()}
-    # The square of a sum of changes is at most their number times the sum of their squares.
-    levels = {name: min(change.wave, len(changes) * change.rms) for name, change in changes.items()}
+def _small(found: Response, changes: dict[str, EffectBound], request: Request) -> dict[str, float]:
+    """Return the bounds of what is asked for of those effects that may be left out together, the smallest first."""
     line = _OF_LINE * found.rms / max(float(np.max(found.harmonics)), _LEAST_LINE)
-    asked = {"waveform": waves, "lines": {name: line * wave for name, wave in waves.items()}}
-    parts = asked.get(request.quantity, levels)
-    if not sum(parts.values()) <= _LEFT_OUT * request.accuracy:
-        return None
-    wave = sum(waves.values())
+    factor = {"waveform": 1.0, "lines": line}.get(request.quantity)
+    names = sorted(changes, key=lambda name: (changes[name].wave, changes[name].rms))
+    for count in range(len(names), 0, -1):
+        waves = {name: changes[name] for name in names[:count]}
+        parts = _of_rms(waves) if factor is None else {name: factor * one.wave for name, one in waves.items()}
+        if sum(parts.values()) <= _LEFT_OUT * request.accuracy:
+            return parts
+    return {}
+
+
+def _of_rms(changes: dict[str, EffectBound]) -> dict[str, float]:
+    """Return what effects change of the RMS together: the square of a sum is at most their number times the squares."""
+    return {name: min(change.wave, len(changes) * change.rms) for name, change in changes.items()}
+
+
+def _leaving_out(
+    found: Response, changes: dict[str, EffectBound], parts: dict[str, float], request: Request
+) -> Response:
+    """Return a response whose errors contain those of what it leaves out, with its ``parts`` of what is asked for."""
+    left = {name: changes[name] for name in changes if name in parts}
+    wave = sum(change.wave for change in left.values())
     of_what = _WORDS[request.quantity]
-    names = ", ".join(f"{EFFECTS[name]} (at most {part:.1g} of the {of_what})" for name, part in parts.items())
+    names = ", ".join(f"{EFFECTS[name]} (at most {parts[name]:.1g} of the {of_what})" for name in left)
     harmonics_error = found.harmonics_error + _OF_LINE * wave * found.rms
-    changed = replace(
+    return replace(
         found,
-        rms_error=found.rms_error + sum(levels.values()),
+        rms_error=found.rms_error + sum(_of_rms(left).values()),
         peak_error=found.peak_error + _OF_PEAK * wave,
         waveform_error=found.waveform_error + wave,
         harmonics_error=harmonics_error,
         lines_error=lines_error(found.harmonics, harmonics_error),
-        left_out=tuple(LeftOut(*part) for part in parts.items()),
+        left_out=tuple(LeftOut(name, parts[name]) for name in left),
         why=f"{'' if found.why is None else f'{found.why}; '}left out, as too small to matter: {names}",
     )
-    return judged(changed, request)

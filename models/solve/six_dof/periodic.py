@@ -123,6 +123,11 @@ def _solve(scene: Scene, request: Request) -> Response:
     return _not_repeating(scene, motion, orbit, request, earlier)
 
 
+def search(scene: Scene, request: Request) -> Orbit:
+    """Return what the search from rest for the motion that repeats ends with; errors as of ``solve``."""
+    return _Search(scene, effort_for(scene, request), request.direction).settle(np.zeros((2, 6)))
+
+
 def effort_for(scene: Scene, request: Request, harmonics: int = HARMONICS) -> Effort:
     """Return how a scene is settled for a request.
 
@@ -170,7 +175,7 @@ def _resolved(request: Request) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _Orbit:
+class Orbit:
     """What a search found: period, state at its start, what it recorded, and the kernel's numbers (R_ constants)."""
 
     period: Period
@@ -180,6 +185,7 @@ class _Orbit:
 
     @property
     def settled(self) -> bool:
+        """Whether the search ended."""
         return self.found[kernels.R_SETTLED] > 0.0
 
     @property
@@ -189,6 +195,7 @@ class _Orbit:
 
     @property
     def multiplier(self) -> float:
+        """Largest absolute Floquet multiplier."""
         return float(self.found[kernels.R_RADIUS])
 
     @property
@@ -198,6 +205,7 @@ class _Orbit:
 
     @property
     def periods(self) -> int:
+        """Periods that were simulated."""
         return int(self.found[kernels.R_PERIODS])
 
 
@@ -217,13 +225,13 @@ class _Search:
         self._steering = np.eye(12) if steer is None else steer
         self._effort = effort
 
-    def settle(self, begin: NDArray[np.float64]) -> _Orbit:
+    def settle(self, begin: NDArray[np.float64]) -> Orbit:
         """Search from a state, (2, 6)."""
         found = np.empty(kernels.R_LINES + 2 * self._effort.harmonics)
         solved = kernels.solve(
             self._path, self._profile, self._rows, self._point, begin, self._steering, self._effort, found
         )
-        return _Orbit(*solved, found)
+        return Orbit(*solved, found)
 
 
 def _line_count(scene: Scene, period: Period, request: Request) -> int:
@@ -236,7 +244,7 @@ def _line_count(scene: Scene, period: Period, request: Request) -> int:
     return max(HARMONICS, math.ceil(min(wanted / bpfo, resolved)))
 
 
-def _repeating(scene: Scene, orbit: _Orbit, request: Request, earlier: int = 0) -> Response:
+def _repeating(scene: Scene, orbit: Orbit, request: Request, earlier: int = 0) -> Response:
     """Return the response of a motion that repeats."""
     period, found = orbit.period, orbit.found
     coefficients = fourier_coefficients(orbit.trace, period, _line_count(scene, period, request))
@@ -257,7 +265,7 @@ def _repeating(scene: Scene, orbit: _Orbit, request: Request, earlier: int = 0) 
     )
 
 
-def _not_repeating(scene: Scene, motion: PeriodicMotion, orbit: _Orbit, request: Request, periods: int) -> Response:
+def _not_repeating(scene: Scene, motion: PeriodicMotion, orbit: Orbit, request: Request, periods: int) -> Response:
     """Return the response of a motion that does not repeat."""
     return _response(
         *(scene, request, motion.coefficients, motion.power, motion.peak),

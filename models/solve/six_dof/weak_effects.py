@@ -37,6 +37,7 @@ from models.path.contour import part_paths
 from models.path.defect import BallPath, edge_path
 from models.solve.registry import EffectBound, WeakEffects
 from models.solve.six_dof.kernels.step import P_ALPHA, P_BETA, P_K_C, P_U_1, P_U_2
+from models.solve.six_dof.quasi_periodic import add
 from models.solve.six_dof.setup import LANE_EFFECTS, PERIODIC_EFFECTS, TIME_EFFECTS, check_scene, operating_point
 
 if TYPE_CHECKING:
@@ -351,4 +352,4 @@ def _modes(motion: _Motion, axis: int) -> tuple[Values, Values, Values]:
     return omega, np.maximum(decay, 0.0), np.abs(seen * (shapes[1] - shapes[0]))
 
 
-WEAK = WeakEffects(NAMES, without, bounds)
+WEAK = WeakEffects(NAMES, without, bounds, add)

@@ -184,6 +184,7 @@ def _values(response: Response, scene: Scene, sensor: Sensor) -> dict[str, Any]:
         "status": response.status,
         "why": response.why,
         "left_out": [one._asdict() for one in response.left_out],
+        "added": [] if response.added is None else list(response.added.effects),
     }
 
 

@@ -133,7 +133,7 @@ def signal_of(response: Response, sensor: Sensor, fundamental: float) -> SensorS
     if response.record is not None:
         return _over_time(response, response.record, sensor, fundamental)
     signal = response.acceleration(_RATE, _PASSAGES / response.bpfo, sensor=sensor)
-    return _sensed(response, sensor, np.arange(signal.size) / _RATE, signal, *response.lines(sensor))
+    return _sensed(response, sensor, np.arange(signal.size) / _RATE, signal, *response.all_lines(sensor))
 
 
 def _over_time(response: Response, record: SignalRecord, sensor: Sensor, fundamental: float) -> SensorSignal:

@@ -54,7 +54,7 @@ def simulate(*options: str) -> dict[str, Any]:
         [*PIT, "--fault", "inner"],
         [*PIT, "--fault", "ball"],
         [*PIT, "--slip-deg", "0.5"],
-        ["--unbalance-kg-m", "1e-3", "--duration-s", "0.3"],
+        [*PIT, "--unbalance-kg-m", "1e-3", "--slip-deg", "0.5", "--duration-s", "0.3"],
         ["--waviness-um", "1", "--waviness-order", "7", "--waviness-race", "inner", "--duration-s", "0.3"],
     ],
 )

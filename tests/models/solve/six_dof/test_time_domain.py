@@ -15,7 +15,7 @@ from models.machine.rig import Rig
 from models.machine.scene import Defect, Floor, Part, Scene, Slip, Waviness
 from models.platform.jit import compiling
 from models.solve.engine.motion import SILENCE, anti_alias_filter
-from models.solve.simulate import simulate
+from models.solve.simulate import choose, simulate
 from models.solve.six_dof.kernels import time_domain as kernels
 from models.solve.six_dof.periodic import solve
 from models.solve.six_dof.time_domain import prepare_plan, simulate_time
@@ -329,7 +329,7 @@ def test_the_periodic_solver_refuses_what_it_would_leave_out(change: dict[str, A
     assert not scene.repeats
     with pytest.raises(ValueError, match=rf"^{word}: "):
         solve(scene, Request())
-    assert simulate(scene, duration=0.1).solver == "time_domain"
+    assert choose(scene, Request())[0].name == "time_domain"
 
 
 def test_one_machine_code_serves_every_scene_with_an_unbalance_and_one_those_without() -> None:
