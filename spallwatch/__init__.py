@@ -62,6 +62,8 @@ if TYPE_CHECKING:
     from models.maps.data import RmsMap as RmsMap
     from models.solve.response import Response as Response
     from models.solve.simulate import simulate as simulate
+    from models.solve.six_dof.sweep import Sweep as Sweep
+    from models.solve.six_dof.sweep import sweep as sweep
     from models.words.errors import SpallwatchError as SpallwatchError
     from monitor import __version__ as __version__
     from monitor.desk.desk import DeskError as DeskError
@@ -111,6 +113,7 @@ _NAMES = {
     "models.maps.data": "RmsMap",
     "models.solve.response": "Response",
     "models.solve.simulate": "simulate",
+    "models.solve.six_dof.sweep": "Sweep sweep",
     "models.words.errors": "SpallwatchError",
     "monitor": "__version__",
     "monitor.desk.desk": "DeskError",

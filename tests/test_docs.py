@@ -15,7 +15,7 @@ from monitor.cli import spallwatch
 from monitor.config.load import Config
 from tests.support.docs import DOCS, FOR_USERS, ROOT, missing_tests, read, sentences
 
-MAX_WORDS_FOR_USERS = 34_790
+MAX_WORDS_FOR_USERS = 34_830
 PAGES = sorted([*DOCS.rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 
 

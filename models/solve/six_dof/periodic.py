@@ -123,9 +123,26 @@ def _solve(scene: Scene, request: Request) -> Response:
     return _not_repeating(scene, motion, orbit, request, earlier)
 
 
-def search(scene: Scene, request: Request) -> Orbit:
-    """Return what the search from rest for the motion that repeats ends with; errors as of ``solve``."""
-    return _Search(scene, effort_for(scene, request), request.direction).settle(np.zeros((2, 6)))
+def search(
+    scene: Scene,
+    request: Request,
+    begin: NDArray[np.float64] | None = None,
+    steer: NDArray[np.float64] | None = None,
+) -> Orbit:
+    """Return what the search for the motion that repeats ends with, stable or not; errors as of ``solve``.
+
+    Args:
+        begin: state to search from, (2, 6), by default rest.
+        steer: what residuals are multiplied by (models.solve.six_dof.kernels.orbit.settle), (12, 12), by default that
+            of the healthy bearing.
+    """
+    begin = np.zeros((2, 6)) if begin is None else begin
+    return _Search(scene, effort_for(scene, request), request.direction, steer).settle(begin)
+
+
+def response_of(scene: Scene, request: Request, orbit: Orbit) -> Response:
+    """Return the response of an orbit that was found, stable or not."""
+    return judged(_repeating(scene, orbit, request), request)
 
 
 def effort_for(scene: Scene, request: Request, harmonics: int = HARMONICS) -> Effort:
@@ -212,8 +229,13 @@ class Orbit:
 class _Search:
     """Searches the motion of one scene that repeats."""
 
-    def __init__(self, scene: Scene, effort: Effort, direction: float = 0.0) -> None:
-        """Prepare what does not depend on where a search begins; ``direction`` is the sensor's, rad from the load."""
+    def __init__(
+        self, scene: Scene, effort: Effort, direction: float = 0.0, steer: NDArray[np.float64] | None = None
+    ) -> None:
+        """Prepare what does not depend on where a search begins; ``direction`` is the sensor's, rad from the load.
+
+        ``steer``: by default that of the healthy bearing.
+        """
         healthy = scene.healthy
         self._path, self._profile = defect_arrays(scene.bearing, scene.defect)
         self._rows, self._point = damaged_rows(scene.defect), operating_point(healthy)
@@ -221,7 +243,7 @@ class _Search:
             parameter = self._point.parameter.copy()
             parameter[P_DIRECTION_1], parameter[P_DIRECTION_2] = math.cos(direction), math.sin(direction)
             self._point = self._point._replace(parameter=parameter)
-        steer = steering(healthy)
+        steer = steering(healthy) if steer is None else steer
         self._steering = np.eye(12) if steer is None else steer
         self._effort = effort
 

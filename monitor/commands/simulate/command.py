@@ -34,6 +34,7 @@ from monitor.commands.model_parameters import further_effects, with_machine, wit
 from monitor.commands.simulate.scene import (
     NO_UNIT,
     WAVEFORM_RATE,
+    SweepRange,
     compare,
     compared_lines,
     request_of,
@@ -42,6 +43,8 @@ from monitor.commands.simulate.scene import (
     speed_lines,
     speed_values,
     speed_words,
+    swept,
+    swept_lines,
     tacho_signal,
     with_speeds,
 )
@@ -96,6 +99,7 @@ _USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
 @click.option("--plot", type=option.OUT_FILE, help="Draw the scene (PNG, SVG or HTML).")
 @click.option("--waveform", type=option.OUT_FILE, help="Write the signal as CSV.")
 @click.option("--compare", is_flag=True, help="Every model that describes the scene.")
+@click.option("--sweep", type=SweepRange(), help="Follow the motion along an option; folds, lost stability.")
 @option.line_contact
 @with_speeds
 @further_effects
@@ -131,9 +135,9 @@ def command(config_path: Path | None, name: str | None, as_json: bool, **options
             compared = compare(scene, config, entry, options)
             return compared, compared_lines(compared)
         scene, left_out = with_machine(with_parameters(scene, config, entry, options["parameters"]), config)
-        values = _answer(scene, options)
+        values = _answer(scene, options) if options["sweep"] is None else swept(scene, options)
         values["left_out"] += [{"effect": key, "bound": None} for key in left_out]
-    return values, _lines(values, scene)
+    return values, _lines(values, scene) if options["sweep"] is None else swept_lines(values)
 
 
 def _with_line_contact(rig: Rig, entry: CatalogueEntry, options: dict[str, Any]) -> Rig:

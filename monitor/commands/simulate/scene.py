@@ -21,6 +21,7 @@ from monitor.commands import option
 from monitor.commands.common import finite, write_plot
 from monitor.commands.model_parameters import able_models, missing_effects, with_parameters
 from monitor.words.sensors import unit_in_names, unit_of_sensor
+from streams.types.block import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,10 +31,14 @@ if TYPE_CHECKING:
     from models.solve.response import Response
     from monitor.config.load import Config
 
+_SWEPT = {"speed_hz": ("speed", 1.0), "load_newton": ("load", 1.0), "clearance_um": ("clearance", 1e-6)}
+_SWEPT |= {"dphi_deg": ("dphi_d", math.pi / 180.0), "h_d_um": ("h_d", 1e-6)}
+"""Options that a motion is followed along: the parameter of the scene, and one of its unit in SI."""
 F = TypeVar("F", bound=Callable[..., Any])
 _RECORDS = ("waveform", "plot")
 _MOST_SECONDS = 60.0
 _COLUMNS = ("time_s", "speed_hz")
+_COLUMNS_SWEPT = (("rms_g", ".4g"), ("rms_error", ".1e"), ("peak_g", ".4g"))
 NO_UNIT = "levels without a unit, until one defect of known level sets the gain"
 
 
@@ -306,3 +311,81 @@ def _plot(scene: Scene, answers: dict[str, Response], path: Path) -> None:
     from monitor.report.figures.compared import compared_sheet
 
     write_plot(compared_sheet(scene, answers), path)
+
+
+class SweepRange(click.ParamType):
+    """A parameter and its first and last value."""
+
+    name = "OPTION=FROM:TO"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return (option, first, last)."""
+        if isinstance(value, tuple):
+            return value
+        name, _, ends = str(value).partition("=")
+        if name not in _SWEPT:
+            self.fail(f"{name!r}: expected one of {', '.join(_SWEPT)}", param, ctx)
+        try:
+            return name, *_numbers(ends.split(":"), 2, "speed_hz=10:40")
+        except ValueError as error:
+            self.fail(f"{value!r}: {error}", param, ctx)
+
+
+def swept(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
+    """Return what is printed of a sweep; raise a ValueError where it has no use for an option, or none is possible."""
+    from models.solve.six_dof.sweep import sweep
+
+    if named := [name for name in ("waveform", "plot", "sensor") if options[name] is not None]:
+        raise ValueError(f"--{named[0]} does not go together with --sweep")
+    if options["quantity"] != "rms":
+        raise ValueError(f"--sweep is to an accuracy of the RMS, got --quantity {options['quantity']}")
+    name, *ends = options["sweep"]
+    parameter, one = _SWEPT[name]
+    how = {"accuracy": options["accuracy"], "band": options["rms_band_hz"]}
+    found = sweep(
+        scene, parameter, ends[0] * one, ends[1] * one, direction=math.radians(options["direction_deg"]), **how
+    )
+    points = [
+        {
+            name: float(value) / one,
+            "rms_g": finite(rms / STANDARD_GRAVITY),
+            "rms_error": finite(error),
+            "peak_g": finite(peak / STANDARD_GRAVITY),
+            "harmonics_g": [finite(float(line) / STANDARD_GRAVITY) for line in lines],
+            "multiplier": abs(complex(multiplier)),
+            "contacts": int(contacts),
+            "status": status,
+        }
+        for value, rms, error, peak, lines, multiplier, contacts, status in zip(
+            *(found.values, found.rms, found.rms_error, found.peak, found.harmonics, found.multiplier),
+            *(found.contacts, found.status),
+            strict=True,
+        )
+    ]
+    events = [
+        {
+            "kind": event.kind,
+            name: event.value / one,
+            "error": event.error / one,
+            "rms_g": event.rms / STANDARD_GRAVITY,
+            "stability": event.stability,
+            "after": event.after,
+        }
+        for event in found.events
+    ]
+    return {"parameter": name, "points": points, "events": events, "ended": found.ended, "left_out": []}
+
+
+def swept_lines(values: dict[str, Any]) -> Iterator[str]:
+    """Yield the lines of a sweep for people: its points, and between them what happens."""
+    name = values["parameter"]
+    yield f"{name:>14}{'RMS, g':>12}{'error':>9}{'peak, g':>12}{'multiplier':>12}  status"
+    for number, row in enumerate(values["points"]):
+        level, error, peak = ("-" if row[key] is None else format(row[key], form) for key, form in _COLUMNS_SWEPT)
+        yield f"{row[name]:14.6g}{level:>12}{error:>9}{peak:>12}{row['multiplier']:12.4f}  {row['status']}"
+        for event in values["events"]:
+            if event["after"] == number:
+                changed = f", stability {event['stability']}" if event["stability"] else ""
+                words = event["kind"].replace("_", " ")
+                yield f"{event[name]:14.8g}  {words}{changed} ({name} within {event['error']:.1g})"
+    yield f"ended: {values['ended']}"

@@ -82,3 +82,32 @@ def test_a_file_with_other_columns_is_refused() -> None:
     Path("speeds.csv").write_text("t,v\n0,10\n", encoding="utf-8")
     with pytest.raises(ValueError, match="expected the columns time_s,speed_hz, got t,v"):
         parse_speeds("speeds.csv")
+
+
+def test_a_sweep_has_points_and_events_in_the_unit_of_its_option() -> None:
+    found = simulate(*PIT, "--sweep", "clearance_um=0:1")
+    assert (found["parameter"], found["ended"]) == ("clearance_um", "reached")
+    assert [found["points"][i]["clearance_um"] for i in (0, -1)] == pytest.approx([0.0, 1.0])
+    single = simulate(*PIT, "--clearance-um", "1")
+    last = found["points"][-1]
+    assert last["rms_g"] == pytest.approx(single["rms_g"], rel=last["rms_error"] + single["rms_error"])
+    assert last["status"] == "converged"
+    text = CliRunner().invoke(command, [*PIT, "--sweep", "clearance_um=0:1"], catch_exceptions=False).output
+    assert text.count("converged") == len(found["points"])
+    assert sum("grazing" in line for line in text.splitlines()) == len(found["events"])
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (["--sweep", "speed=10:40"], "expected one of speed_hz, load_newton"),
+        (["--sweep", "speed_hz=10"], "expected such as speed_hz=10:40"),
+        (["--sweep", "speed_hz=10:20", "--waveform", "w.csv"], "--waveform does not go together with --sweep"),
+        (["--sweep", "speed_hz=10:20", "--quantity", "lines"], "--sweep is to an accuracy of the RMS"),
+        (["--sweep", "speed_hz=10:20", "--unbalance-kg-m", "1"], "unbalance"),
+    ],
+)
+def test_a_sweep_that_is_none_is_refused(options: list[str], word: str) -> None:
+    result = CliRunner().invoke(command, [*PIT, *options])
+    assert result.exit_code != 0
+    assert word in f"{result.output} {result.exception}"
