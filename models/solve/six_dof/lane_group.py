@@ -16,8 +16,12 @@ from models.machine.rig import Rig
 from models.path.defect import FloorProfile, ball_path, floor_angle, race_radius, wrap
 from models.solve.six_dof.kernels import lane_paths as paths
 from models.solve.six_dof.kernels import lanes as kernels
-from models.solve.six_dof.kernels.lanes import LANES
-from models.solve.six_dof.setup import LANE_STEP, MIN_LANE_STEPS, rig_parameters
+from models.solve.six_dof.kernels.lane_instants import LANES, LaneTables, Splitting, mark_kinks, weigh
+from models.solve.six_dof.kernels.parts import SUMS
+from models.solve.six_dof.kernels.path import D_HALF, D_SPACING, DEFECT, path_kinks
+from models.solve.six_dof.kernels.period import REACH
+from models.solve.six_dof.kernels.step import NEAR_SLOPE
+from models.solve.six_dof.setup import LANE_STEP, MIN_LANE_STEPS, defect_arrays, rig_parameters
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,9 +32,11 @@ if TYPE_CHECKING:
 PERIODS = 7
 # Places of each ball over which the mean-force rule averages.
 _MEAN_FORCE_POINTS = 24
-# Numbers of a step and lane for the wave, its transform and their copies; bytes of all that is small.
-_WAVES, _LITTLE = 16, 20_000_000
+# Numbers of a step and lane for the wave, its transform, their copies and the parts; bytes of all that is small.
+_WAVES, _LITTLE = 24, 20_000_000
 _REACH = 1.0 - 1e-9
+# Kinks of a path that steps are divided at, at most.
+_KINKS = 64
 # Numbers in a cache line.
 _LINE = 8
 
@@ -141,17 +147,20 @@ def _equilibrium(bearing: Bearing, load: float, k_c: float, clearance: float) ->
 
 
 @lru_cache(maxsize=8)
-def _stacked(profiles: tuple[FloorProfile, ...]) -> NDArray[np.float64]:
-    """Return the pieces of rough floors, shape (profiles, pieces, 4)."""
-    if not profiles:
-        return np.zeros((1, 1, 4))
+def _stacked(profiles: tuple[FloorProfile, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the pieces of rough floors, shape (profiles, pieces, 4), and (profiles, 4, pieces)."""
+    pieces = np.zeros((1, 4, 0))
     if len({p.coefficients.shape for p in profiles}) > 1:
         raise ValueError("rough floors that are simulated side by side need the same pitch")
-    return np.ascontiguousarray(np.stack([p.coefficients.T for p in profiles]))
+    if profiles:
+        pieces = np.stack([p.coefficients for p in profiles])
+    # As models.solve.six_dof.kernels.path takes them: another type of array would be another kernel.
+    pieces.flags.writeable = False
+    return np.ascontiguousarray(pieces.transpose(0, 2, 1)) if profiles else np.zeros((1, 1, 4)), pieces
 
 
-def _path_rows(scenes: Sequence[Scene], grid: Grid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the kernel's ``path`` and ``profiles``."""
+def _path_rows(scenes: Sequence[Scene], grid: Grid) -> tuple[NDArray[np.float64], tuple[FloorProfile, ...]]:
+    """Return the kernel's ``path`` and the rough floors that it names."""
     rows = np.zeros((paths.PATH_ROWS, LANES))
     known: dict[FloorProfile, int] = {}
     r_o, r_b = float(grid.geometry[paths.G_R_O]), float(grid.geometry[paths.G_R_B])
@@ -169,17 +178,25 @@ def _path_rows(scenes: Sequence[Scene], grid: Grid) -> tuple[NDArray[np.float64]
         rows[paths.D_POSITION, i] = path.position
         # A floor that is never reached is never the path; a little more than the angle covers its rounding.
         rows[paths.D_BEYOND, i] = math.inf if beyond is None else beyond * (1.0 + 1e-9)
-    return rows, _stacked(tuple(known))
+    return rows, tuple(known)
 
 
 class Group:
     """LANES scenes ready to run; ``run_block`` carries all of them over PERIODS ball periods.
 
-    ``wave`` is the acceleration of outer ring and resonator in the last block, shape (steps, 2, LANES), m/s2.
+    ``state`` is that at the end of the last block, shape (2, 6, LANES) (models.solve.six_dof.kernels.step), ``wave``
+    the acceleration of outer ring and resonator in it, shape (steps + 1, 2, LANES), m/s2.
     """
 
-    def __init__(self, grid: Grid, scenes: Sequence[Scene], slip: Slip | None, workspace: Workspace) -> None:
+    def __init__(
+        self, grid: Grid, scenes: Sequence[Scene], slip: Slip | None, workspace: Workspace, *, instants: bool = False
+    ) -> None:
         """Begin at the static equilibrium at rest, every ball in its place; one group at a time uses the workspace.
+
+        Args:
+            grid, scenes, slip, workspace: of the group.
+            instants: whether steps in which contacts change, or paths have kinks, are taken in parts. Never where a
+                force is averaged: contacts then change in small shares.
 
         Raises:
             ValueError: if the scenes damage different numbers of rows or their rough floors differ in pitch.
@@ -190,7 +207,8 @@ class Group:
         at = self._damaged_slots(scenes)
         self._damaged_at, self._plain_at = np.flatnonzero(at), np.flatnonzero(~at)
         offsets = np.zeros(1)
-        if slip is not None and slip.rule == "mean_force" and slip.phi_slip > 0.0:
+        averaged = slip is not None and slip.rule == "mean_force" and slip.phi_slip > 0.0
+        if slip is not None and averaged:
             offsets = slip.phi_slip * ((2.0 * np.arange(_MEAN_FORCE_POINTS) + 1.0) / _MEAN_FORCE_POINTS - 1.0)
         angles = (grid.ring[self._damaged_at][:, None] + offsets).ravel()
         self.start = np.repeat(angles[:, None], LANES, axis=1)
@@ -200,10 +218,12 @@ class Group:
         self.plain = aligned(np.stack((np.cos(plain), np.sin(plain)), axis=1))
         self.near = _near(grid, tuple(self._plain_at.tolist()), self._slip_angle)
         rest = [_equilibrium(s.bearing, s.load, s.rig_as(Rig).k_c, s.clearance) for s in scenes]
-        self._lane = np.array([[s.load for s in scenes], [u[0] for u in rest], [u[1] for u in rest]])
-        self.depth, self.rate, self.wave = workspace.arrays(grid.steps, len(angles))
+        lane = np.array([[s.load for s in scenes], [u[0] for u in rest], [u[1] for u in rest]])
+        self.depth, self.rate, self.wave, changed, parts = workspace.arrays(grid.steps, len(angles))
+        self.tables = LaneTables(grid.turn, self.damaged, self.plain, self.depth, self.rate, lane)
+        self.split = self._splitting(scenes, REACH / grid.bpfo if instants and not averaged else 0.0, changed, parts)
         self._slip = np.zeros((len(grid.ring), LANES))
-        self._state = np.zeros((12, LANES))
+        self.state = np.zeros((2, 6, LANES))
         self._filled = False
 
     def _damaged_slots(self, scenes: Sequence[Scene]) -> NDArray[np.bool_]:
@@ -216,6 +236,49 @@ class Group:
         off = np.abs(wrap(middle[:, None] - self._path[paths.D_POSITION]))
         touches = (off - 0.5 * length < self._path[paths.D_HALF]) & (self._path[paths.D_HALF] > 0.0)
         return np.any(touches, axis=1) & (self.grid.row < max(rows, default=0))
+
+    def _splitting(
+        self, scenes: Sequence[Scene], reach: float, changed: NDArray[np.bool_], parts: NDArray[np.float64]
+    ) -> Splitting:
+        """Return what the kernel needs to take steps again."""
+        grid = self.grid
+        path, kinks = np.zeros((LANES, DEFECT)), np.full((LANES, _KINKS), np.nan)
+        profiles = _stacked(self._profiles)[1]
+        for i, scene in enumerate(scenes):
+            path[i], profile = defect_arrays(scene.bearing, scene.defect)
+            if reach > 0.0 and path[i, D_HALF] > 0.0:
+                found = path_kinks(path[i], profile)[:_KINKS]
+                kinks[i, : len(found)] = found
+            if profile.shape[1] == 0 and self._profiles:
+                # A smooth floor among rough ones has a profile without roughness.
+                path[i, D_SPACING] = self._profiles[0].spacing
+        # By the distance from the load of the arc that a ball passes while the angles hold.
+        limit, begin = 0.5 * math.pi + math.atan(NEAR_SLOPE), grid.ring[self._plain_at] - self._slip_angle
+        length = grid.pitch + grid.step_angle + 2.0 * self._slip_angle
+        off = np.maximum(np.abs(wrap(begin + 0.5 * length)) - 0.5 * length, 0.0)
+        return Splitting(
+            reach,
+            grid.cage,
+            self.start,
+            np.argsort(off, kind="stable"),
+            int(np.count_nonzero(off <= limit)),
+            path,
+            profiles,
+            self._path[paths.D_PROFILE].astype(np.int64),
+            kinks,
+            np.zeros(grid.steps, dtype=np.int64),
+            changed,
+            parts,
+        )
+
+    def measure(self) -> NDArray[np.float64]:
+        """Return the mean squares of the last block, (2, LANES), and make of ``wave`` what it is transformed as.
+
+        Its Fourier sums over ``grid.steps`` values are then those of the motion, steps in parts included.
+        """
+        out = np.empty((2, LANES))
+        weigh(self.wave, self.split, self.grid.step, out)
+        return out
 
     def run_block(self, draws: NDArray[np.float64] | None = None) -> int:
         """Simulate PERIODS ball periods; return the kernel's status.
@@ -247,23 +310,22 @@ class Group:
 
     def _fill(self, begin: int, end: int) -> None:
         g = self.grid
-        paths.fill(begin, end, g.cage, self.start, self._path, self._profiles, g.geometry, self.depth, self.rate)
+        profiles = _stacked(self._profiles)[0]
+        paths.fill(begin, end, g.cage, self.start, self._path, profiles, g.geometry, self.depth, self.rate)
+        if self.split.reach > 0.0:
+            mark_kinks(begin, end, g.bounds, g.step_angle, self.split)
 
     def _advance(self, begin: int, end: int) -> int:
         g = self.grid
         return kernels.advance(
             begin,
             end,
-            g.turn,
             self.near,
-            self.damaged,
-            self.plain,
-            self.depth,
-            self.rate,
             g.flow,
             g.parameter,
-            self._lane,
-            self._state,
+            self.tables,
+            self.split,
+            self.state.reshape(12, LANES),
             self.wave,
         )
 
@@ -289,17 +351,23 @@ class Workspace:
         """Allocate nothing yet."""
         self._tables = np.empty(0)
         self._wave = np.empty(0)
+        self._changed, self._parts = np.empty((0, LANES), dtype=np.bool_), np.empty((0, LANES, SUMS))
 
-    def arrays(self, steps: int, slots: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return ``depth`` and ``rate`` of shape (steps, 3, slots, LANES) and ``wave`` of shape (steps, 2, LANES)."""
+    def arrays(
+        self, steps: int, slots: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
+        """Return ``depth`` and ``rate`` of shape (steps, 3, slots, LANES), ``wave`` of shape (steps + 1, 2, LANES), and
+        what is recorded of steps that are taken again (models.solve.six_dof.kernels.lane_instants.Splitting).
+        """
         size = steps * 3 * slots * LANES
         if self._tables.size < 2 * size:
             self._tables = aligned_empty(2 * size)
-        if self._wave.size != steps * 2 * LANES:
-            self._wave = aligned_empty(steps * 2 * LANES)
+        if self._wave.size != (steps + 1) * 2 * LANES:
+            self._wave = aligned_empty((steps + 1) * 2 * LANES)
+            self._changed, self._parts = np.zeros((steps, LANES), dtype=np.bool_), np.zeros((steps, LANES, SUMS))
         shape = (steps, 3, slots, LANES)
         depth, rate = self._tables[:size].reshape(shape), self._tables[size : 2 * size].reshape(shape)
-        return depth, rate, self._wave.reshape(steps, 2, LANES)
+        return depth, rate, self._wave.reshape(steps + 1, 2, LANES), self._changed, self._parts
 
 
 def group_bytes(

@@ -18,7 +18,7 @@ import numpy as np
 from models.machine.bearing import kinematics
 from models.machine.rig import Rig
 from models.solve.response import HARMONICS
-from models.solve.six_dof.kernels.lanes import LANES, mean_squares
+from models.solve.six_dof.kernels.lanes import LANES
 from models.solve.six_dof.lane_group import PERIODS, Grid, Group, Workspace, block_steps, grid_of, group_bytes
 from models.solve.six_dof.setup import LANE_EFFECTS, check_scene
 from models.words.request import check_band
@@ -35,6 +35,9 @@ DEFAULT_TOLERANCE = 1e-3
 
 # Of a scene, for each step of a block; blocks that motions take to settle; roughly.
 STEP_SECONDS, _USUAL_BLOCKS = 1.6e-7, 10
+# Steps in a ball period from which on instants are found: of maps, the error of the RMS is then 5e-5 (3e-4 without), of
+# the lines 1e-4 (3e-3).
+INSTANTS_FROM = 512
 # With slip: blocks before the measurement begins.
 _SETTLING_BLOCKS = 2
 # A smaller vibration counts as zero, m/s2.
@@ -51,6 +54,10 @@ class LaneOptions:
         max_blocks: limit of simulated blocks where the motion repeats, at least 3.
         slip_blocks: blocks that are measured where it does not, at least 2.
         band: frequencies (lo, hi), Hz, in which the RMS is taken; None is the full bandwidth.
+        instants: whether a step is taken in parts in the lanes whose contacts change in it, or whose path has a kink
+            there: of fourth order, at three to five times the cost of a step. None stands for grids on which that is
+            cheaper than smaller steps, of at least INSTANTS_FROM in a ball period; on coarser ones the error is that of
+            the smooth motion.
     """
 
     steps_per_period: int | None = None
@@ -58,6 +65,7 @@ class LaneOptions:
     max_blocks: int = 40
     slip_blocks: int = 10
     band: tuple[float, float] | None = None
+    instants: bool | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names the field of an unusable value."""
@@ -72,6 +80,10 @@ class LaneOptions:
         if self.band is not None:
             check_band(self.band)
 
+    def takes_instants(self, grid: Grid) -> bool:
+        """Return whether steps are taken in parts on a grid."""
+        return grid.steps >= PERIODS * INSTANTS_FROM if self.instants is None else self.instants
+
 
 @dataclass(frozen=True, eq=False)
 class LaneResponse:
@@ -83,7 +95,9 @@ class LaneResponse:
         harmonics: single-sided amplitudes of the lines 1..6 of BPFO in spectra of PERIODS periods of a_o, m/s2, shape
             (n, 6); of several blocks the powers are averaged.
         block_change: relative change of the full-bandwidth RMS between the last two blocks, shape (n,).
-        status: index into STATUSES, int8, shape (n,); with slip the motion is "not_periodic" by its nature.
+        status: index into STATUSES, int8, shape (n,): whether blocks no longer change. It says nothing of the error of
+            the steps (models.maps.ensemble.step_error measures it); with slip the motion is "not_periodic" by its
+            nature.
         periods: ball periods simulated for each scene, shape (n,).
         bpfo: Hz.
     """
@@ -107,11 +121,10 @@ class _Block:
     lines: NDArray[np.float64]
 
 
-def _measure(grid: Grid, wave: NDArray[np.float64], band: tuple[float, float] | None) -> _Block:
+def _measure(group: Group, band: tuple[float, float] | None) -> _Block:
     """Return the mean squares of a block."""
-    count = grid.steps
-    full = np.empty((2, LANES))
-    mean_squares(wave, full)
+    grid, count, full = group.grid, group.grid.steps, group.measure()
+    wave = group.wave[:count]
     # Coefficients at multiples of bpfo / PERIODS; every seventh is a line.
     spectrum = np.fft.rfft(wave[:, 0], axis=0)
     # A real sine of amplitude a has |c| = a count / 2 and the mean square a^2 / 2.
@@ -149,7 +162,7 @@ class LaneRunner:
         # Unused lanes repeat the last scene.
         padded = [*scenes, *[scenes[-1]] * (LANES - len(scenes))]
         slip = scenes[0].slip
-        group = Group(grid, padded, slip, self._workspace)
+        group = Group(grid, padded, slip, self._workspace, instants=self.options.takes_instants(grid))
         if slip is not None and slip.redraws:
             blocks, settled = self._random(group, slip, number), False
         else:
@@ -161,7 +174,7 @@ class LaneRunner:
         blocks: list[_Block] = []
         for _ in range(self.options.max_blocks):
             group.run_block()
-            blocks.append(_measure(group.grid, group.wave, self.options.band))
+            blocks.append(_measure(group, self.options.band))
             if len(blocks) >= 3 and np.all(_change(blocks) < self.options.tolerance):
                 break
         return blocks
@@ -173,7 +186,7 @@ class LaneRunner:
         for n in range(_SETTLING_BLOCKS + self.options.slip_blocks):
             group.run_block(rng.uniform(-slip.phi_slip, slip.phi_slip, shape))
             if n >= _SETTLING_BLOCKS:
-                blocks.append(_measure(group.grid, group.wave, self.options.band))
+                blocks.append(_measure(group, self.options.band))
         return blocks
 
 

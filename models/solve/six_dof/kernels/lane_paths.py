@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.six_dof.kernels.lanes import LANES
+from models.solve.six_dof.kernels.lane_instants import LANES
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

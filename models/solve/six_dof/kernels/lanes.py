@@ -28,8 +28,10 @@ for the beginning, middle and end of a step:
 - ``parameter``: as in step.py; the static displacements and load in it are not used.
 - ``lane`` (3, L): static load, N, and static displacements along and across the load, m.
 - ``state`` (12, L): state along the load and across it, updated in place.
-- ``wave`` (n, 2, L), written: acceleration along the load of outer ring and resonator at the beginning of each step,
-  m/s2.
+- ``wave`` (n + 1, 2, L), written: acceleration along the load of outer ring and resonator at the beginning of each step
+  and at the end of the last, m/s2.
+
+``tables`` and ``split``: see ``lane_instants``, which takes steps again in the lanes whose contacts change in them.
 """
 
 from __future__ import annotations
@@ -40,6 +42,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.platform.jit import inlined, kernel
+from models.solve.six_dof.kernels.lane_instants import LANES, load, make_held, store, take_lanes
 from models.solve.six_dof.kernels.step import (
     P_ALPHA,
     P_BETA,
@@ -63,14 +66,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from models.platform.jit import Index
+    from models.solve.six_dof.kernels.lane_instants import LaneTables, Splitting
     from models.solve.six_dof.kernels.step import Axis, Flow
 
     # Scale of displacements, share of the resonator in the mass, cage speed; 1 / m_i, 1 / (m_o + m_r), 1 / m_o.
     Relative = tuple[float, float, float]
     Inverse = tuple[float, float, float]
 
-# Loops of eight are unrolled before the vectoriser sees them and run without vectors; wider ones are all as quick.
-LANES = 32
 NEAR_ANGLE = math.radians(7.5)
 NEAR_SLOPE = math.tan(NEAR_ANGLE)
 
@@ -88,11 +90,19 @@ _X = 20 * LANES
 _LOAD = 32 * LANES
 _S1 = 33 * LANES
 _S2 = 34 * LANES
-_ROWS = 35
+# Powers of two of the slots that are in contact, now and at the beginning of the step; whether they ever differed, and
+# by how much one is near to meeting or leaving its contact.
+_MASK = 35 * LANES
+_FIRST = 36 * LANES
+_DIFFERS = 37 * LANES
+_NEAR = 38 * LANES
+# States at the beginning of this step and the one before, in turn.
+_BEGIN = 39 * LANES
+_ROWS = 63
 
 
-@inlined
-def _contact(
+@kernel
+def _contact_of(
     w: NDArray[np.float64],
     n: int,
     node: Index,
@@ -105,62 +115,74 @@ def _contact(
     gap: float,
     alpha: float,
     beta: float,
+    bits: NDArray[np.float64],
+    reach: float | None,
 ) -> None:
-    """Write the contact force of every lane in the frame of the cage, N (Eqs. 35-48).
+    """Write the contact force of every lane in the frame of the cage, N (Eqs. 35-48), and what tells of an instant.
 
-    Displacements are scaled by k_c^(2/3), so that the force of a spring is their power 1.5.
+    Displacements are scaled by k_c^(2/3), so that the force of a spring is their power 1.5. By how much an instant is
+    nearer than ``reach``, s, is noted times that scale; None looks for none. ``bits``: a power of two for each slot.
     """
     wide = 0.0
     for i in range(LANES):
         w[_F1 + i] = 0.0
         w[_F2 + i] = 0.0
+        w[_MASK + i] = 0.0
         wide += 1.0 if abs(w[_U2 + i]) > NEAR_SLOPE * w[_U1 + i] else 0.0
     for k in range(damaged.shape[0]):
+        bit = bits[k]
         for i in range(LANES):
             c, s = damaged[k, 0, i], damaged[k, 1, i]
             delta = w[_P1 + i] * c + w[_P2 + i] * s - gap - scale * depth[n, node, k, i]
             pressed = delta if delta > 0.0 else 0.0
             root = math.sqrt(pressed)
-            damping = beta * root + (alpha if delta > 0.0 else 0.0)
+            touching = 1.0 if delta > 0.0 else 0.0
+            damping = beta * root + alpha * touching
             speed = w[_Q1 + i] * c + w[_Q2 + i] * s - rate[n, node, k, i]
             force = (pressed * root + damping * speed) * damaged[k, 2, i]
             w[_F1 + i] += force * c
             w[_F2 + i] += force * s
+            if reach is not None:
+                w[_MASK + i] += bit * touching
+                w[_NEAR + i] = max(w[_NEAR + i], abs(speed) * reach - abs(delta))
     first = near[n, 0] if wide == 0.0 else 0
     last = near[n, 1] if wide == 0.0 else plain.shape[0]
     for j in range(first, last):
+        bit = bits[damaged.shape[0] + j]
         for i in range(LANES):
             c, s = plain[j, 0, i], plain[j, 1, i]
             delta = w[_P1 + i] * c + w[_P2 + i] * s - gap
             pressed = delta if delta > 0.0 else 0.0
             root = math.sqrt(pressed)
-            damping = beta * root + (alpha if delta > 0.0 else 0.0)
+            touching = 1.0 if delta > 0.0 else 0.0
+            damping = beta * root + alpha * touching
             speed = w[_Q1 + i] * c + w[_Q2 + i] * s
             force = pressed * root + damping * speed
             w[_F1 + i] += force * c
             w[_F2 + i] += force * s
+            if reach is not None:
+                w[_MASK + i] += bit * touching
+                w[_NEAR + i] = max(w[_NEAR + i], abs(speed) * reach - abs(delta))
 
 
 @inlined
-def _load(w: NDArray[np.float64], row: int, i: int) -> Axis:
-    return (
-        w[row + i],
-        w[row + LANES + i],
-        w[row + 2 * LANES + i],
-        w[row + 3 * LANES + i],
-        w[row + 4 * LANES + i],
-        w[row + 5 * LANES + i],
-    )
-
-
-@inlined
-def _store(w: NDArray[np.float64], row: int, i: int, x: Axis) -> None:
-    w[row + i] = x[0]
-    w[row + LANES + i] = x[1]
-    w[row + 2 * LANES + i] = x[2]
-    w[row + 3 * LANES + i] = x[3]
-    w[row + 4 * LANES + i] = x[4]
-    w[row + 5 * LANES + i] = x[5]
+def _contact(
+    w: NDArray[np.float64],
+    n: int,
+    node: Index,
+    near: NDArray[np.int64],
+    tables: LaneTables,
+    law: tuple[float, float, float, float],
+    bits: NDArray[np.float64],
+    reach: float,
+) -> None:
+    """Do what ``_contact_of`` does; with a negative ``reach`` it looks for no instant. Calls compile faster."""
+    damaged, plain, depth, rate = tables.damaged, tables.plain, tables.depth, tables.rate
+    scale, gap, alpha, beta = law
+    if reach < 0.0:
+        _contact_of(w, n, node, near, damaged, plain, depth, rate, scale, gap, alpha, beta, bits, None)
+    else:
+        _contact_of(w, n, node, near, damaged, plain, depth, rate, scale, gap, alpha, beta, bits, reach)
 
 
 @inlined
@@ -186,6 +208,26 @@ def _force(w: NDArray[np.float64], i: int, c: float, s: float) -> tuple[float, f
 
 
 @inlined
+def _record(
+    w: NDArray[np.float64],
+    wave: NDArray[np.float64],
+    n: int,
+    i: int,
+    c: float,
+    s: float,
+    inverse: Inverse,
+    spring: tuple[float, float, float],
+) -> tuple[float, float]:
+    """Write the accelerations of one lane; return the force."""
+    k_r, c_r, b_r = spring
+    g1, g2 = _force(w, i, c, s)
+    pull = k_r * w[_X + 4 * LANES + i] + c_r * w[_X + 5 * LANES + i]
+    wave[n, 0, i] = (g1 - pull) * inverse[2]
+    wave[n, 1, i] = pull * b_r
+    return g1, g2
+
+
+@inlined
 def _start(
     w: NDArray[np.float64],
     wave: NDArray[np.float64],
@@ -202,17 +244,13 @@ def _start(
 ) -> None:
     """Record the accelerations at the beginning of a step and go on to the first state in its middle."""
     b_i, b_m, b_o = inverse
-    k_r, c_r, b_r = spring
     for i in range(LANES):
-        x1, x2 = _load(w, _X, i), _load(w, _X + 6 * LANES, i)
-        g1, g2 = _force(w, i, c, s)
-        pull = k_r * x1[4] + c_r * x1[5]
-        wave[n, 0, i] = (g1 - pull) * b_o
-        wave[n, 1, i] = pull * b_r
-        _store(w, _Y, i, propagate(x1, e))
-        _store(w, _Y + 6 * LANES, i, propagate(x2, e))
-        _store(w, _X, i, propagate(kick(x1, h / 6.0 * g1, 0.0, b_i, b_m, b_o), e))
-        _store(w, _X + 6 * LANES, i, propagate(kick(x2, h / 6.0 * g2, 0.0, b_i, b_m, b_o), e))
+        x1, x2 = load(w, _X, i), load(w, _X + 6 * LANES, i)
+        g1, g2 = _record(w, wave, n, i, c, s, inverse, spring)
+        store(w, _Y, i, propagate(x1, e))
+        store(w, _Y + 6 * LANES, i, propagate(x2, e))
+        store(w, _X, i, propagate(kick(x1, h / 6.0 * g1, 0.0, b_i, b_m, b_o), e))
+        store(w, _X + 6 * LANES, i, propagate(kick(x2, h / 6.0 * g2, 0.0, b_i, b_m, b_o), e))
         z1 = propagate(kick(x1, 0.5 * h * g1, 0.0, b_i, b_m, b_o), e)
         z2 = propagate(kick(x2, 0.5 * h * g2, 0.0, b_i, b_m, b_o), e)
         _approach(w, i, z1, z2, cm, sm, relative)
@@ -224,10 +262,10 @@ def _middle(w: NDArray[np.float64], cm: float, sm: float, h: float, inverse: Inv
     b_i, b_m, b_o = inverse
     for i in range(LANES):
         g1, g2 = _force(w, i, cm, sm)
-        _store(w, _X, i, kick(_load(w, _X, i), h / 3.0 * g1, 0.0, b_i, b_m, b_o))
-        _store(w, _X + 6 * LANES, i, kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, 0.0, b_i, b_m, b_o))
-        z1 = kick(_load(w, _Y, i), 0.5 * h * g1, 0.0, b_i, b_m, b_o)
-        z2 = kick(_load(w, _Y + 6 * LANES, i), 0.5 * h * g2, 0.0, b_i, b_m, b_o)
+        store(w, _X, i, kick(load(w, _X, i), h / 3.0 * g1, 0.0, b_i, b_m, b_o))
+        store(w, _X + 6 * LANES, i, kick(load(w, _X + 6 * LANES, i), h / 3.0 * g2, 0.0, b_i, b_m, b_o))
+        z1 = kick(load(w, _Y, i), 0.5 * h * g1, 0.0, b_i, b_m, b_o)
+        z2 = kick(load(w, _Y + 6 * LANES, i), 0.5 * h * g2, 0.0, b_i, b_m, b_o)
         _approach(w, i, z1, z2, cm, sm, relative)
 
 
@@ -247,10 +285,10 @@ def _end(
     b_i, b_m, b_o = inverse
     for i in range(LANES):
         g1, g2 = _force(w, i, cm, sm)
-        _store(w, _X, i, propagate(kick(_load(w, _X, i), h / 3.0 * g1, 0.0, b_i, b_m, b_o), e))
-        _store(w, _X + 6 * LANES, i, propagate(kick(_load(w, _X + 6 * LANES, i), h / 3.0 * g2, 0.0, b_i, b_m, b_o), e))
-        z1 = propagate(kick(_load(w, _Y, i), h * g1, 0.0, b_i, b_m, b_o), e)
-        z2 = propagate(kick(_load(w, _Y + 6 * LANES, i), h * g2, 0.0, b_i, b_m, b_o), e)
+        store(w, _X, i, propagate(kick(load(w, _X, i), h / 3.0 * g1, 0.0, b_i, b_m, b_o), e))
+        store(w, _X + 6 * LANES, i, propagate(kick(load(w, _X + 6 * LANES, i), h / 3.0 * g2, 0.0, b_i, b_m, b_o), e))
+        z1 = propagate(kick(load(w, _Y, i), h * g1, 0.0, b_i, b_m, b_o), e)
+        z2 = propagate(kick(load(w, _Y + 6 * LANES, i), h * g2, 0.0, b_i, b_m, b_o), e)
         _approach(w, i, z1, z2, c, s, relative)
 
 
@@ -274,60 +312,94 @@ def _store_lanes(w: NDArray[np.float64], state: NDArray[np.float64]) -> int:
     return STATUS_NOT_FINITE if bad else STATUS_OK
 
 
+@inlined
+def _begin(w: NDArray[np.float64], here: int) -> None:
+    """Keep the states at the beginning of a step."""
+    for k in range(12 * LANES):
+        w[here + k] = w[_X + k]
+    for i in range(LANES):
+        w[_NEAR + i] = 0.0
+        w[_DIFFERS + i] = 0.0
+
+
+@inlined
+def _compare(w: NDArray[np.float64]) -> None:
+    """Note where other slots are in contact than at the beginning of the step."""
+    for i in range(LANES):
+        w[_DIFFERS + i] += abs(w[_MASK + i] - w[_FIRST + i])
+
+
+@inlined
+def _in_question(w: NDArray[np.float64]) -> bool:
+    """Return whether contacts change in a lane, or are near to it."""
+    found = 0.0
+    for i in range(LANES):
+        found += 1.0 if w[_DIFFERS + i] > 0.0 or w[_NEAR + i] > 0.0 else 0.0
+    return found > 0.0
+
+
 @kernel
 def advance(
     begin: int,
     end: int,
-    turn: NDArray[np.float64],
     near: NDArray[np.int64],
-    damaged: NDArray[np.float64],
-    plain: NDArray[np.float64],
-    depth: NDArray[np.float64],
-    rate: NDArray[np.float64],
     flow: NDArray[np.float64],
     parameter: NDArray[np.float64],
-    lane: NDArray[np.float64],
+    tables: LaneTables,
+    split: Splitting,
     state: NDArray[np.float64],
     wave: NDArray[np.float64],
 ) -> int:
     """Carry all lanes over steps ``begin`` to ``end``; see the module for the arrays. Return a STATUS_ number."""
-    w = np.zeros(_ROWS * LANES)
+    turn, steps, h = tables.turn, tables.turn.shape[0], flow[0]
+    w, held = np.zeros(_ROWS * LANES), make_held(parameter, tables, split.near)
     inverse = (parameter[P_INV_M_I], parameter[P_INV_M], parameter[P_INV_M_O])
     spring = (parameter[P_K_R], parameter[P_C_R], parameter[P_INV_M_R])
     alpha, beta = parameter[P_ALPHA], parameter[P_BETA] / parameter[P_K_C] ** (1.0 / 3.0)
     scale = parameter[P_K_C] ** (2.0 / 3.0)
     relative = (scale, parameter[P_SHARE_R], parameter[P_TURN])
-    gap = scale * parameter[P_CLEARANCE]
-    h = flow[0]
+    law = (scale, scale * parameter[P_CLEARANCE], alpha, beta)
     e = (flow[1], flow[2], flow[3], flow[4], flow[5], flow[6], flow[7], flow[8], flow[9])
-    _load_lanes(w, lane, state)
+    splits, bits = split.reach > 0.0, np.empty(tables.damaged.shape[0] + tables.plain.shape[0])
+    # At both ends of a step instants are looked for, in its middle only changes of contacts.
+    reach, none = (scale * max(h, split.reach), 0.0) if splits else (-1.0, -1.0)
+    for j in range(bits.shape[0]):
+        bits[j] = 2.0**j
+    _load_lanes(w, tables.lane, state)
     for n in range(begin, end):
         c, s = turn[n, 0, 0], turn[n, 0, 1]
         cm, sm = turn[n, 1, 0], turn[n, 1, 1]
         ce, se = turn[n, 2, 0], turn[n, 2, 1]
+        here, before = _BEGIN + n % 2 * 12 * LANES, _BEGIN + (n + 1) % 2 * 12 * LANES
+        if splits:
+            _begin(w, here)
         for i in range(LANES):
-            _approach(w, i, _load(w, _X, i), _load(w, _X + 6 * LANES, i), c, s, relative)
-        _contact(w, n, np.int64(0), near, damaged, plain, depth, rate, scale, gap, alpha, beta)
+            _approach(w, i, load(w, _X, i), load(w, _X + 6 * LANES, i), c, s, relative)
+        _contact(w, n, np.int64(0), near, tables, law, bits, reach)
+        for i in range(LANES):
+            w[_FIRST + i] = w[_MASK + i]
         _start(w, wave, n, c, s, cm, sm, h, e, inverse, spring, relative)
-        _contact(w, n, np.int64(1), near, damaged, plain, depth, rate, scale, gap, alpha, beta)
+        _contact(w, n, np.int64(1), near, tables, law, bits, none)
+        _compare(w)
         _middle(w, cm, sm, h, inverse, relative)
-        _contact(w, n, np.int64(1), near, damaged, plain, depth, rate, scale, gap, alpha, beta)
+        _contact(w, n, np.int64(1), near, tables, law, bits, none)
+        _compare(w)
         _end(w, cm, sm, ce, se, h, e, inverse, relative)
-        _contact(w, n, np.int64(2), near, damaged, plain, depth, rate, scale, gap, alpha, beta)
+        _contact(w, n, np.int64(2), near, tables, law, bits, reach)
+        _compare(w)
         for i in range(LANES):
             g1, g2 = _force(w, i, ce, se)
-            _store(w, _X, i, kick(_load(w, _X, i), h / 6.0 * g1, 0.0, inverse[0], inverse[1], inverse[2]))
-            z2 = kick(_load(w, _X + 6 * LANES, i), h / 6.0 * g2, 0.0, inverse[0], inverse[1], inverse[2])
-            _store(w, _X + 6 * LANES, i, z2)
+            store(w, _X, i, kick(load(w, _X, i), h / 6.0 * g1, 0.0, inverse[0], inverse[1], inverse[2]))
+            z2 = kick(load(w, _X + 6 * LANES, i), h / 6.0 * g2, 0.0, inverse[0], inverse[1], inverse[2])
+            store(w, _X + 6 * LANES, i, z2)
+            split.changed[n, i] = False
+        if splits and (split.marks[n] != 0 or n == steps - 1 or _in_question(w)):
+            rows = (_X, here, before, _DIFFERS, _NEAR)
+            take_lanes(n, begin, n == steps - 1, w, rows, h, tables, split, held)
+    c, s = turn[end - 1, 2, 0], turn[end - 1, 2, 1]
+    for i in range(LANES):
+        _approach(w, i, load(w, _X, i), load(w, _X + 6 * LANES, i), c, s, relative)
+    _contact(w, end - 1, np.int64(2), near, tables, law, bits, none)
+    for i in range(LANES):
+        _record(w, wave, end, i, c, s, inverse, spring)
     return _store_lanes(w, state)
-
-
-@kernel
-def mean_squares(wave: NDArray[np.float64], out: NDArray[np.float64]) -> None:
-    """Write the mean over the steps of the squares of ``wave`` to ``out`` (2, L)."""
-    out[:] = 0.0
-    for n in range(wave.shape[0]):
-        for sensor in range(2):
-            for i in range(LANES):
-                out[sensor, i] += wave[n, sensor, i] * wave[n, sensor, i]
-    out /= wave.shape[0]

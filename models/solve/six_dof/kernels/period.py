@@ -98,7 +98,7 @@ def fill_weights(
 
 # Time from an instant at which contacts change over the period within which steps are graded, where a step is shorter:
 # outside of it what is left of the root with which damping sets in is lost on steps of any length.
-_REACH = 1.0 / 400.0
+REACH = 1.0 / 400.0
 
 
 class Period(NamedTuple):
@@ -231,7 +231,7 @@ def ball_period(state: NDArray[np.float64], state_out: NDArray[np.float64], trac
     wave, any_changed, room = trace.wave, False, make_room(balls, nodes)
     for segment in range(first.shape[0] - 1):
         h = flow[segment, 0]
-        reach = max(h, _REACH * period.time[-1])
+        reach = max(h, REACH * period.time[-1])
         e = flow_row(flow, segment, 1)
         for n in range(first[segment], first[segment + 1]):
             y1, y2, g1, g2, changed, near = step(x1, x2, h, e, p, forces, (balls, nodes), n, reach)
