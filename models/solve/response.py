@@ -133,7 +133,8 @@ class Response:
             where the motion repeats, of the record over time, NaN where it was not looked at.
         bpfo: ball-pass frequency over the outer race, Hz.
         harmonics: single-sided amplitudes of the first six lines k * bpfo, m/s2, shape (6,).
-        harmonics_error: their estimated errors, m/s2, NaN where the motion does not repeat.
+        harmonics_error: their estimated errors, m/s2: of the steps, and over time, of the length (95 %); NaN where the
+            speed changes, or one period does not repeat.
         periods: ball periods that were simulated.
         period_change: relative change of the full-bandwidth RMS by the last of them, or expected by the next; NaN where
             the motion was simulated over time.

@@ -14,13 +14,13 @@ fainter.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from models.machine.speed_profile import constant
-from models.solve.engine.averages import MeanLevels, levels_of
+from models.solve.engine.averages import MeanLevels, amplitudes_at, levels_of
 from models.solve.engine.motion import ERROR_OF_WAVE, SILENCE, Motion, lines_over_angle, margin_of, sampled_at
 from models.solve.response import HARMONICS, PASSBAND, Response, SignalRecord, Status, band_passed, judged, lines_error
 from models.words.request import MEANS, USUAL_SECONDS, Request
@@ -40,13 +40,17 @@ _LOST = 0.3
 
 @dataclass(frozen=True)
 class StepError:
-    """Errors of RMS, waveform, peak and, where they are asked for, lines due to the steps, over those of ``level``."""
+    """Errors of RMS, waveform, peak and, where they are asked for, lines due to the steps, over those of ``level``.
+
+    ``harmonics``: those of the lines of the ball passage, in the unit of the motion, (HARMONICS,).
+    """
 
     rms: float
     wave: float
     peak: float
     lines: float = math.nan
     level: float = 0.0
+    harmonics: NDArray[np.float64] = field(default_factory=lambda: np.zeros(HARMONICS))
 
     def over(self, settled: float) -> StepError:
         """Return the errors of a settled motion, of that RMS, where the beginning that was looked at is louder.
@@ -86,7 +90,7 @@ def step_error(
     coarse, fine = wave[:, 0], finer[::2, 0]
     level = _rms(fine)
     if not math.isfinite(level):
-        return StepError(math.inf, math.inf, math.inf, math.inf)
+        return StepError(math.inf, math.inf, math.inf, math.inf, harmonics=np.full(HARMONICS, math.inf))
     if level <= SILENCE:
         return StepError(0.0, 0.0, 0.0, 0.0)
     change = _rms(coarse - fine) / level
@@ -105,20 +109,24 @@ def step_error(
             inside = max(_rms(better), SILENCE)
             error = _HALVED * max(abs(_rms(ours) - inside), ERROR_OF_WAVE * _rms(ours - better)) / inside
     found = StepError(error, sampled, abs(peak - peak_fine) / peak_fine + change, level=level)
+    rate = request.rate * oversampling
+    found = replace(found, harmonics=_errors_of_lines(coarse, finer[:, 0], motion.bpfo / rate)[0])
     if request.quantity == "lines":
-        found = replace(found, lines=_error_of_lines(coarse, finer[:, 0], request.rate * oversampling, motion))
+        errors, lines = _errors_of_lines(coarse, finer[:, 0], _passages(motion) / rate)
+        found = replace(found, lines=lines_error(lines, errors))
     return found
 
 
-def _error_of_lines(coarse: NDArray[np.float64], finer: NDArray[np.float64], rate: float, motion: Motion) -> float:
-    """Return the error of the lines over the largest, of first order; ``rate``: steps a second of the first signal."""
-    passages = motion.bpfo if motion.passages is None else motion.passages
-    found = [
-        2.0
-        * np.abs(SignalRecord(share * rate, signal[None], motion.sensors[:1]).coefficients(passages, HARMONICS)[0, 1:])
-        for share, signal in ((1.0, coarse), (2.0, finer))
-    ]
-    return _HALVED * lines_error(found[1], np.abs(found[1] - found[0]))
+def _passages(motion: Motion) -> float:
+    return motion.bpfo if motion.passages is None else motion.passages
+
+
+def _errors_of_lines(
+    coarse: NDArray[np.float64], finer: NDArray[np.float64], turn: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the errors of lines, of first order, and the lines; ``turn``: their frequency over the coarser rate."""
+    found = [amplitudes_at(signal, share * turn, HARMONICS)[0] for share, signal in ((1.0, coarse), (0.5, finer))]
+    return _HALVED * np.abs(found[1] - found[0]), found[1]
 
 
 def peaks(wave: NDArray[np.float64]) -> tuple[float, ...]:
@@ -340,6 +348,7 @@ def _response(run: _Run, request: Request, found: _Measured, step: StepError, *,
     # Waveform and lines of what fails to repeat are known no better than that.
     unknown = levels.spread / max(levels.rms, SILENCE) if motion.repeats and not repeats else 0.0
     peak_spread = 0.0 if repeats else levels.peak_spread / max(found.peaks[0], SILENCE)
+    lines, asked = (_lines_by_length(found, rate, motion) for rate in (bpfo, _passages(motion)))
     return Response(
         levels=tuple(zip(rms, peaks, strict=True)),
         rms_error=averaged + step.rms,
@@ -349,7 +358,7 @@ def _response(run: _Run, request: Request, found: _Measured, step: StepError, *,
         waveform_error=max(step.wave, unknown),
         bpfo=bpfo,
         harmonics=2.0 * np.abs(coefficients[0, 1 : HARMONICS + 1]),
-        harmonics_error=np.full(HARMONICS, math.nan),
+        harmonics_error=lines[1] + (step.harmonics if motion.per_turn is None else math.nan),
         periods=math.floor(seconds * bpfo),
         period_change=math.nan,
         spread=0.0 if repeats else levels.spread * share,
@@ -361,9 +370,19 @@ def _response(run: _Run, request: Request, found: _Measured, step: StepError, *,
         coefficients=coefficients,
         record=found.record,
         sensors=motion.sensors,
-        lines_error=max(step.lines, unknown),
+        lines_error=max(step.lines + lines_error(*asked), unknown),
         profile=profile,
     )
+
+
+def _lines_by_length(found: _Measured, rate: float, motion: Motion) -> NDArray[np.float64]:
+    """Return the lines of the first sensor at multiples of a rate, Hz, and the errors that the length leaves, (2, 6).
+
+    None where the speed changes: its lines over the angle are those of that time.
+    """
+    if motion.per_turn is not None:
+        return np.stack((np.ones(HARMONICS), np.zeros(HARMONICS)))
+    return amplitudes_at(found.record.signal[0], rate / found.record.rate, HARMONICS)
 
 
 def _line_count(request: Request, bpfo: float) -> int:

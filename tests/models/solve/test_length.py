@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from models.machine.scene import Defect, Scene, Slip
 from models.machine.speed_profile import ramp
-from models.solve.engine.averages import levels_of, mean_error
+from models.solve.engine.averages import amplitudes_at, levels_of, mean_error
 from models.solve.engine.motion import Motion, Planned
 from models.solve.engine.over_time import MOST_SECONDS, answer, expected_seconds
 from models.solve.response import Response
 from models.solve.simulate import simulate
 from models.words.request import USUAL_SECONDS, Request
+from reference.signals import record_of
 from tests.support.effort import effort_count
 
 Values = NDArray[np.float64]
@@ -73,6 +74,35 @@ def moving(amplitude: Callable[[Values], Values]) -> Motion:
         return (amplitude(t) * np.sin(2.0 * math.pi * CARRIER * t))[:, None], True
 
     return Motion(from_rest, ("mo",), "none", "none", bpfo=CARRIER, block=BLOCK, settle=0.05, repeats=False)
+
+
+def test_the_errors_of_lines_cover_noise_and_lines_beside_them() -> None:
+    """Three lines of a signal in noise that has a memory, with another line a few over the length away from one."""
+    rng, covered, over = np.random.default_rng(5), [], []
+    t = np.arange(4000) / 1000.0
+    for _ in range(effort_count(quick=100, full=1000)):
+        phase, size = rng.uniform(0.0, 2.0 * math.pi, 4), np.array([1.0, 0.1, 10.0 ** rng.uniform(-3.0, 0.0), 1.0])
+        rates = [20.3, 40.6, 60.9, 60.9 + rng.uniform(3.5, 6.0) / 4.0]
+        lines = [a * np.cos(2.0 * math.pi * f * t + p) for a, f, p in zip(size, rates, phase, strict=True)]
+        signal = np.sum(lines, axis=0) + rng.uniform(0.01, 0.5) * autoregressive(rng, 0.8, len(t))
+        found, errors = amplitudes_at(signal, 20.3 / 1000.0, 3)
+        covered += list(np.abs(found - size[:3]) <= errors)
+        over += list(errors / np.maximum(np.abs(found - size[:3]), 1e-9))
+    assert np.mean(covered) >= 0.93
+    assert np.median(over) <= 10.0
+
+
+def test_lines_over_time_have_errors() -> None:
+    short, long = (simulate(BALL, quantity="lines", accuracy=0.3, duration=seconds) for seconds in (0.5, 4.0))
+    ours = amplitudes_at(record_of(short).of(), short.bpfo / record_of(short).rate, 6)[0]
+    assert ours == pytest.approx(short.harmonics, rel=1e-2, abs=1e-2 * short.rms)
+    assert np.all(np.abs(short.harmonics - long.harmonics) <= short.harmonics_error + long.harmonics_error)
+    assert np.max(long.harmonics_error) < np.max(short.harmonics_error)
+    assert long.lines_error < short.lines_error
+    assert (long.status, short.status) == (
+        "not_periodic" if long.lines_error <= 0.3 else "inaccurate",
+        "not_periodic" if short.lines_error <= 0.3 else "inaccurate",
+    )
 
 
 @pytest.mark.parametrize("kind", [noisy, modulated])
