@@ -40,7 +40,7 @@ demo: $(DEMO_READY)
 
 test: $(READY)
 	@# Kernels are compiled and assertions rewritten once, not by each of the workers at the same time.
-	@test -d tests/__pycache__ || $(REWRITE) & .ci/kernels all $(BIN)/spallwatch warmup --quiet && wait
+	@test -d tests/__pycache__ || $(REWRITE) & $(BIN)/spallwatch warmup --quiet && wait
 	$(BIN)/python -m pytest --numprocesses auto --dist worksteal
 
 # Tests of replay, run, page and demo whose own code needs nothing that only POSIX has.

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 from hypothesis import HealthCheck, settings
 from numpy.typing import NDArray
+from platformdirs import user_cache_path
 
 from reference import recordings_folder
 from reference.once import folder_of_the_run as folder_of_the_run
@@ -35,6 +36,9 @@ _REPOSITORY = Path(__file__).resolve().parents[1]
 # each child process compiles the product again: half a minute of every three of processor time.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
+# The kernels of the user, also in children that are given another home or cache.
+os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache_path("spallwatch") / "kernels"))
 
 # There are more workers than cores: the threads of BLAS would wait for each other in loops, which triples its time.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -14,6 +14,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from platformdirs import user_cache_path
+
 ROOT = Path(__file__).resolve().parents[2]
 _WITNESS = Path(__file__).with_name("witness")
 _IMPORTS = "imports.log"
@@ -39,11 +41,12 @@ class Tree:
         return [sys.executable, "-c", f"from {module} import {function}; {function}()"]
 
     def environment(self, folder: Path) -> dict[str, str]:
-        """Return the environment of a case: this tree first, and caches of its own, empty at first."""
+        """Return the environment of a case: this tree first, and caches of its own, empty at first but for kernels."""
         return {
             **os.environ,
             "PYTHONPATH": os.pathsep.join([str(_WITNESS), str(self.root)]),
             "XDG_CACHE_HOME": str(folder / "cache"),
+            "NUMBA_CACHE_DIR": str(user_cache_path("spallwatch-regression") / "kernels"),
             "REGRESSION_IMPORTS": str(folder / _IMPORTS),
             "TZ": "UTC",
         }
