@@ -10,7 +10,9 @@ Run as ``python -m benchmarks.six_dof [--quick] [--json FILE]``. All times are t
    whose level is still within what was asked for;
 4. settling: ball periods until the RMS has settled, with the accelerated search and by simulating on;
 5. map: 51 x 33 nodes at four loads and 40 Hz, beside its error at random nodes;
-6. cores: the speed-up of the map on two threads beside that of two processes of the calibration transform, in turns.
+6. lanes: many scenes at once, as maps with slip take them, in whole steps and with parts where contacts change: errors
+   of RMS and lines (over the largest) against settled answers, and time of a scene until its blocks change by 3e-3;
+7. cores: the speed-up of the map on two threads beside that of two processes of the calibration transform, in turns.
 """
 
 from __future__ import annotations
@@ -35,8 +37,10 @@ from models.maps.data import RmsMap
 from models.maps.plan import MapPlan, scene_at
 from models.solve.response import Response
 from models.solve.simulate import simulate
+from models.solve.six_dof.kernels.lane_instants import LANES
 from models.solve.six_dof.kernels.period import Period, blank_trace, mean_square
 from models.solve.six_dof.kernels.settled import R_ERROR, R_RMS
+from models.solve.six_dof.lanes import LaneOptions, simulate_lanes
 from models.words.request import Request
 from models.work.choose import local_runner
 from models.work.runner import SERIAL
@@ -271,6 +275,35 @@ def _node_error(built: RmsMap, plan: MapPlan, n: int) -> float:
     return float(built.rms[i, 0, k, d]) / fine.rms - 1.0
 
 
+def lane_rows(groups: int) -> list[Row]:
+    """Return error and time of scenes side by side, by steps in a ball period, 40 Hz."""
+    scenes = [
+        replace(s, speed=40.0) for rough in (False, True) for s in random_scenes(groups * LANES // 2, rough=rough)
+    ]
+    fine = [simulate(s, accuracy=1e-6, quantity="lines") for s in scenes]
+    true, lines = np.array([r.rms for r in fine]), np.array([r.harmonics for r in fine])
+    rows: list[Row] = []
+    for steps in (144, 192, 256, 384, 512):
+        for instants in (False, True):
+            options = LaneOptions(steps, 1e-5, instants=instants)
+            found = simulate_lanes(scenes, options)
+            rms, off = found.rms / true - 1.0, np.abs(found.harmonics - lines).max(axis=1) / lines.max(axis=1)
+            start = time.thread_time()
+            simulate_lanes(scenes, replace(options, tolerance=3e-3))
+            rows.append(
+                {
+                    "steps": steps,
+                    "in parts": "yes" if instants else "no",
+                    "RMS error rms": float(np.sqrt(np.mean(rms**2))),
+                    "max": float(np.abs(rms).max()),
+                    "lines rms": float(np.sqrt(np.mean(off**2))),
+                    "lines max": float(off.max()),
+                    "ms a scene": 1e3 * (time.thread_time() - start) / len(scenes),
+                }
+            )
+    return rows
+
+
 def core_row(rounds: int) -> Row:
     """Return speed-ups by two cores: the map's on threads, and what the machine gives to two processes just then."""
     plan = _plan((4000.0, 5000.0))
@@ -331,5 +364,6 @@ def main(quick: bool) -> Tables:
         "integrated": integrated_rows(5 if quick else 20),
         "settling": settling_rows(12 if quick else 24),
         "map": [map_row(40 if quick else 400)],
+        "lanes": lane_rows(2 if quick else 8),
         "cores": [core_row(1 if quick else 3)],
     }

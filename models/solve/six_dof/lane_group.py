@@ -16,7 +16,8 @@ from models.machine.rig import Rig
 from models.path.defect import FloorProfile, ball_path, floor_angle, race_radius, wrap
 from models.solve.six_dof.kernels import lane_paths as paths
 from models.solve.six_dof.kernels import lanes as kernels
-from models.solve.six_dof.kernels.lane_instants import LANES, LaneTables, Splitting, mark_kinks, weigh
+from models.solve.six_dof.kernels.lane_instants import LANES, LaneTables, Splitting
+from models.solve.six_dof.kernels.lane_means import mean_squares, weigh
 from models.solve.six_dof.kernels.parts import SUMS
 from models.solve.six_dof.kernels.path import D_HALF, D_SPACING, DEFECT, path_kinks
 from models.solve.six_dof.kernels.period import REACH
@@ -32,8 +33,8 @@ if TYPE_CHECKING:
 PERIODS = 7
 # Places of each ball over which the mean-force rule averages.
 _MEAN_FORCE_POINTS = 24
-# Numbers of a step and lane for the wave, its transform, their copies and the parts; bytes of all that is small.
-_WAVES, _LITTLE = 24, 20_000_000
+# Numbers of a step and lane for the wave, its transform, their copies and parts; bytes of all that is small.
+_WAVES, _LITTLE = 36, 20_000_000
 _REACH = 1.0 - 1e-9
 # Kinks of a path that steps are divided at, at most.
 _KINKS = 64
@@ -185,7 +186,7 @@ class Group:
     """LANES scenes ready to run; ``run_block`` carries all of them over PERIODS ball periods.
 
     ``state`` is that at the end of the last block, shape (2, 6, LANES) (models.solve.six_dof.kernels.step), ``wave``
-    the acceleration of outer ring and resonator in it, shape (steps + 1, 2, LANES), m/s2.
+    the acceleration of outer ring and resonator in it, shape (steps, 2, LANES), m/s2.
     """
 
     def __init__(
@@ -219,9 +220,10 @@ class Group:
         self.near = _near(grid, tuple(self._plain_at.tolist()), self._slip_angle)
         rest = [_equilibrium(s.bearing, s.load, s.rig_as(Rig).k_c, s.clearance) for s in scenes]
         lane = np.array([[s.load for s in scenes], [u[0] for u in rest], [u[1] for u in rest]])
-        self.depth, self.rate, self.wave, changed, parts = workspace.arrays(grid.steps, len(angles))
+        self.depth, self.rate, self.wave = workspace.arrays(grid.steps, len(angles))
+        self._terms = workspace.terms
         self.tables = LaneTables(grid.turn, self.damaged, self.plain, self.depth, self.rate, lane)
-        self.split = self._splitting(scenes, REACH / grid.bpfo if instants and not averaged else 0.0, changed, parts)
+        self.split = self._splitting(scenes, REACH / grid.bpfo if instants and not averaged else 0.0, workspace)
         self._slip = np.zeros((len(grid.ring), LANES))
         self.state = np.zeros((2, 6, LANES))
         self._filled = False
@@ -237,9 +239,7 @@ class Group:
         touches = (off - 0.5 * length < self._path[paths.D_HALF]) & (self._path[paths.D_HALF] > 0.0)
         return np.any(touches, axis=1) & (self.grid.row < max(rows, default=0))
 
-    def _splitting(
-        self, scenes: Sequence[Scene], reach: float, changed: NDArray[np.bool_], parts: NDArray[np.float64]
-    ) -> Splitting:
+    def _splitting(self, scenes: Sequence[Scene], reach: float, workspace: Workspace) -> Splitting:
         """Return what the kernel needs to take steps again."""
         grid = self.grid
         path, kinks = np.zeros((LANES, DEFECT)), np.full((LANES, _KINKS), np.nan)
@@ -267,18 +267,32 @@ class Group:
             self._path[paths.D_PROFILE].astype(np.int64),
             kinks,
             np.zeros(grid.steps, dtype=np.int64),
-            changed,
-            parts,
+            workspace.changed,
+            workspace.parts,
+            workspace.slopes,
         )
 
-    def measure(self) -> NDArray[np.float64]:
-        """Return the mean squares of the last block, (2, LANES), and make of ``wave`` what it is transformed as.
-
-        Its Fourier sums over ``grid.steps`` values are then those of the motion, steps in parts included.
-        """
+    def mean_squares(self) -> NDArray[np.float64]:
+        """Return those of ``wave`` in the last block, steps in parts included, (m/s2)^2, shape (2, LANES)."""
         out = np.empty((2, LANES))
-        weigh(self.wave, self.split, self.grid.step, out)
+        if self.split.reach > 0.0:
+            weigh(self.wave, self.split, self.grid.step, self._terms, out)
+        else:
+            mean_squares(self.wave, out)
         return out
+
+    def spectrum(self, sensor: int) -> NDArray[np.complex128]:
+        """Return the Fourier sums over the steps of the last block, after ``mean_squares``, (steps // 2 + 1, LANES)."""
+        if not self.split.reach > 0.0:
+            return np.fft.rfft(self.wave[:, sensor], axis=0)
+        values, means, moments, slopes = np.fft.rfft(self._terms[:, :, sensor], axis=1)
+        # By half of which angle each line turns in a step. Within it a part is taken for a line.
+        x = math.pi * np.arange(len(values))[:, None] / self.grid.steps
+        even, odd = np.ones_like(x), np.ones_like(x)
+        even[1:] = np.sin(x[1:]) / x[1:]
+        odd[1:] = 3.0 * (even[1:] - np.cos(x[1:])) / x[1:] ** 2
+        turn = 2j * x / self.grid.step
+        return values + np.exp(-1j * x) * (even * means - turn * odd * moments) + turn * slopes
 
     def run_block(self, draws: NDArray[np.float64] | None = None) -> int:
         """Simulate PERIODS ball periods; return the kernel's status.
@@ -313,7 +327,7 @@ class Group:
         profiles = _stacked(self._profiles)[0]
         paths.fill(begin, end, g.cage, self.start, self._path, profiles, g.geometry, self.depth, self.rate)
         if self.split.reach > 0.0:
-            mark_kinks(begin, end, g.bounds, g.step_angle, self.split)
+            paths.mark_kinks(begin, end, g.bounds, g.step_angle, self.split)
 
     def _advance(self, begin: int, end: int) -> int:
         g = self.grid
@@ -348,26 +362,26 @@ class Workspace:
     """The large arrays of a group, reused from group to group: fresh memory costs more than a block."""
 
     def __init__(self) -> None:
-        """Allocate nothing yet."""
+        """Allocate nothing yet; see ``arrays``, and models.solve.six_dof.kernels.lane_instants."""
         self._tables = np.empty(0)
         self._wave = np.empty(0)
-        self._changed, self._parts = np.empty((0, LANES), dtype=np.bool_), np.empty((0, LANES, SUMS))
+        self.terms = np.empty(0)
+        self.changed = np.empty((0, LANES), dtype=np.bool_)
+        self.parts, self.slopes = np.empty(0), np.empty(0)
 
-    def arrays(
-        self, steps: int, slots: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64]]:
-        """Return ``depth`` and ``rate`` of shape (steps, 3, slots, LANES), ``wave`` of shape (steps + 1, 2, LANES), and
-        what is recorded of steps that are taken again (models.solve.six_dof.kernels.lane_instants.Splitting).
-        """
+    def arrays(self, steps: int, slots: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return ``depth`` and ``rate`` of shape (steps, 3, slots, LANES) and ``wave`` of shape (steps, 2, LANES)."""
         size = steps * 3 * slots * LANES
         if self._tables.size < 2 * size:
             self._tables = aligned_empty(2 * size)
-        if self._wave.size != (steps + 1) * 2 * LANES:
-            self._wave = aligned_empty((steps + 1) * 2 * LANES)
-            self._changed, self._parts = np.zeros((steps, LANES), dtype=np.bool_), np.zeros((steps, LANES, SUMS))
+        if self._wave.size != steps * 2 * LANES:
+            self._wave = aligned_empty(steps * 2 * LANES)
+            self.terms = np.empty((4, steps, 2, LANES))
+            self.changed = np.zeros((steps, LANES), dtype=np.bool_)
+            self.parts, self.slopes = np.empty((steps, LANES, SUMS)), np.empty((steps, LANES, 2, 2))
         shape = (steps, 3, slots, LANES)
         depth, rate = self._tables[:size].reshape(shape), self._tables[size : 2 * size].reshape(shape)
-        return depth, rate, self._wave.reshape(steps + 1, 2, LANES), self._changed, self._parts
+        return depth, rate, self._wave.reshape(steps, 2, LANES)
 
 
 def group_bytes(

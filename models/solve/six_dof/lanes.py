@@ -35,9 +35,9 @@ DEFAULT_TOLERANCE = 1e-3
 
 # Of a scene, for each step of a block; blocks that motions take to settle; roughly.
 STEP_SECONDS, _USUAL_BLOCKS = 1.6e-7, 10
-# Steps in a ball period from which on instants are found: of maps, the error of the RMS is then 5e-5 (3e-4 without), of
-# the lines 1e-4 (3e-3).
-INSTANTS_FROM = 512
+# Steps in a ball period from which on instants are found: the errors of RMS and of lines (over the largest) are then
+# 2e-4; in whole steps 6e-4 and 1e-3 (benchmarks/six_dof.py).
+INSTANTS_FROM = 256
 # With slip: blocks before the measurement begins.
 _SETTLING_BLOCKS = 2
 # A smaller vibration counts as zero, m/s2.
@@ -123,18 +123,17 @@ class _Block:
 
 def _measure(group: Group, band: tuple[float, float] | None) -> _Block:
     """Return the mean squares of a block."""
-    grid, count, full = group.grid, group.grid.steps, group.measure()
-    wave = group.wave[:count]
+    grid, count, full = group.grid, group.grid.steps, group.mean_squares()
     # Coefficients at multiples of bpfo / PERIODS; every seventh is a line.
-    spectrum = np.fft.rfft(wave[:, 0], axis=0)
+    spectrum = group.spectrum(0)
     # A real sine of amplitude a has |c| = a count / 2 and the mean square a^2 / 2.
     lines = 2.0 * np.abs(spectrum[PERIODS : PERIODS * HARMONICS + 1 : PERIODS]) ** 2 / count**2
     if band is None:
         return _Block(full[0], full, lines)
     low = max(1, int(np.ceil(band[0] / grid.bpfo * PERIODS - 1e-9)))
     high = int(np.floor(band[1] / grid.bpfo * PERIODS + 1e-9))
-    resonator = np.fft.rfft(wave[:, 1], axis=0)
-    power = [2.0 * np.sum(np.abs(s[low : high + 1]) ** 2, axis=0) / count**2 for s in (spectrum, resonator)]
+    both = (spectrum, group.spectrum(1))
+    power = [2.0 * np.sum(np.abs(s[low : high + 1]) ** 2, axis=0) / count**2 for s in both]
     return _Block(full[0], np.array(power), lines)
 
 

@@ -117,7 +117,7 @@ def _settle(scene: Scene, request: Request, steps: int, workspace: Workspace) ->
     change, wave = math.inf, np.empty((grid.steps, 2))
     for _ in range(max(3, math.ceil(request.max_periods / PERIODS))):
         group.run_block()
-        wave = group.wave[: grid.steps, :, 0].copy()
+        wave = group.wave[:, :, 0].copy()
         levels.append(math.sqrt(float(np.mean(wave[:, 0] ** 2))))
         if len(levels) > 1:
             now, before = levels[-1], levels[-2]

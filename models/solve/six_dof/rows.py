@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 # Blocks of lives: relative error of the RMS due to the steps (rms over scenes), a tenth of the scatter of a block.
 _ACCURACY = 2e-3
 # Blocks of seven ball periods that are measured where balls slip. Their shortness adds to the scatter of the RMS about
-# what a measured block has anyway (1 to 3 % at 2 to 10 mrad).
+# what a measured block has anyway (1 to 3 % at 2 to 10 mrad), beside which steps in one (1e-3) are good enough.
 _SLIP_BLOCKS = 4
 
 
@@ -150,7 +150,7 @@ def _slipping(
     scenes: Sequence[Scene], band: tuple[float, float] | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Simulate groups of lanes of one speed, each with its own draws."""
-    runner = LaneRunner(LaneOptions(slip_blocks=_SLIP_BLOCKS, band=band))
+    runner = LaneRunner(LaneOptions(slip_blocks=_SLIP_BLOCKS, band=band, instants=False))
     speeds: dict[float, list[int]] = {}
     for i, scene in enumerate(scenes):
         speeds.setdefault(scene.speed, []).append(i)

@@ -148,7 +148,7 @@ def test_order_of_the_lanes(scene: Scene) -> None:
     """RMS and lines of the settled motion; lanes model no waves, so that the balls' passages alone drive it."""
     steps = (128, 256, 512) if scene.speed < 30.0 else (64, 128, 256)
     found, exact = (
-        [simulate_lanes([scene], LaneOptions(steps_per_period=n, tolerance=1e-9)) for n in counts]
+        [simulate_lanes([scene], LaneOptions(steps_per_period=n, tolerance=1e-9, instants=True)) for n in counts]
         for counts in (steps, (2048,))
     )
     truth = exact[0]

@@ -2,7 +2,7 @@
 
 Lanes share their steps, which therefore end on no kink and at no instant. A step of a lane that holds one, or is near
 to an instant, is taken again from its beginning with the kernels of one scene (models.solve.six_dof.kernels.instants),
-and its share in the means comes from its parts, as in models.solve.six_dof.kernels.period. The other lanes keep theirs.
+and its share in the means comes from its parts (``lane_means``). The other lanes keep theirs.
 """
 
 from __future__ import annotations
@@ -14,19 +14,29 @@ import numpy as np
 
 from models.platform.jit import inlined, kernel
 from models.solve.six_dof.kernels.instants import retake
-from models.solve.six_dof.kernels.parts import SUMS, Room, make_room
+from models.solve.six_dof.kernels.parts import SUMS, Room, hold, make_room, path_within
 from models.solve.six_dof.kernels.path import fill_path
-from models.solve.six_dof.kernels.period import fill_weights
 from models.solve.six_dof.kernels.period_setup import fill_turn
 from models.solve.six_dof.kernels.step import (
+    P_CLEARANCE,
+    P_DAMPING_I,
+    P_DAMPING_R,
+    P_INV_M,
+    P_INV_M_I,
+    P_INV_M_O,
     P_LOAD_1,
     P_OMEGA,
+    P_SQUARE_I,
+    P_SQUARE_R,
     P_U_1,
     P_U_2,
     Balls,
     StepNodes,
+    accelerations,
+    contact,
     forces,
     propagators,
+    relative_motion,
     step,
 )
 
@@ -40,13 +50,13 @@ LANES = 32
 
 # Pieces between kinks of a step at most. Kinks so near to the end of a step, rad, are on it.
 _PIECES = 8
-_ON_THE_END = 1e-8
+ON_THE_END = 1e-8
 # Distance from an instant within which a piece between kinks is graded, over its length.
 _OF_A_PIECE = 16.0
-# What a part is to the four values about its step, inner and outer: its moments up to the third one are theirs, were it
-# smooth.
-_EVEN, _EVEN_OUTER = 13.0 / 24.0, -1.0 / 24.0
-_ODD, _ODD_OUTER = 1.05, -1.0 / 60.0
+# Share of a piece over which slopes are differences.
+_DIFFERENCE = 1e-3
+# Share of a step that is too short a piece for them.
+_SHORT = 0.1
 
 
 class LaneTables(NamedTuple):
@@ -76,6 +86,7 @@ class Splitting(NamedTuple):
         marks: bit i tells that lane i meets a kink in a step, int64, (n,).
         changed: whether a step of a lane was taken again, (n, L).
         parts: integrals over such a step (models.solve.six_dof.kernels.parts), (n, L, SUMS).
+        slopes: rate of both accelerations at its beginning and end, m/s3, (n, L, 2, 2).
     """
 
     reach: float
@@ -90,6 +101,7 @@ class Splitting(NamedTuple):
     marks: NDArray[np.int64]
     changed: NDArray[np.bool_]
     parts: NDArray[np.float64]
+    slopes: NDArray[np.float64]
 
 
 class HeldLane(NamedTuple):
@@ -140,8 +152,9 @@ def make_held(parameter: NDArray[np.float64], tables: LaneTables, near: int) -> 
             plain[2, k - moved.shape[1]] = power
         power *= 2.0
     balls = Balls(moved, plain, moved.shape[1], near, 0.5)
-    shape = (_PIECES, 3, moved.shape[1])
-    nodes = StepNodes(np.zeros((_PIECES, 3, 2)), np.zeros(shape), np.zeros(shape), None)
+    # One row more, for slopes.
+    shape = (_PIECES + 1, 3, moved.shape[1])
+    nodes = StepNodes(np.zeros((_PIECES + 1, 3, 2)), np.zeros(shape), np.zeros(shape), None)
     starts, bounds = np.zeros(moved.shape[1]), np.zeros(_PIECES + 1)
     return HeldLane(parameter.copy(), balls, nodes, make_room(balls, nodes), starts, bounds, np.zeros(SUMS))
 
@@ -170,7 +183,7 @@ def _hold_step(i: int, n: int, tables: LaneTables, held: HeldLane) -> None:
 
 
 @inlined
-def _passed_after(angle: float, start: float) -> float:
+def passed_after(angle: float, start: float) -> float:
     """Return by which turn of the cage, rad, a ball that begins at ``start`` reaches an angle, from 0 to a turn."""
     turn = angle - start
     return turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi))
@@ -188,29 +201,34 @@ def _hold_pieces(i: int, begin: float, end: float, split: Splitting, held: HeldL
         if not math.isfinite(kink):
             break
         for start in held.starts:
-            at = _passed_after(kink, start)
-            if abs(at - begin) <= _ON_THE_END:
+            at = passed_after(kink, start)
+            if abs(at - begin) <= ON_THE_END:
                 bounds[0] = at
-            elif abs(at - end) <= _ON_THE_END:
+            elif abs(at - end) <= ON_THE_END:
                 bounds[pieces] = at
             elif begin < at < end and pieces < _PIECES:
                 place = pieces
-                while place > 0 and bounds[place - 1] > at - _ON_THE_END:
+                while place > 0 and bounds[place - 1] > at - ON_THE_END:
                     place -= 1
-                if place < pieces and bounds[place] < at + _ON_THE_END:
+                if place < pieces and bounds[place] < at + ON_THE_END:
                     continue
                 for later in range(pieces, place - 1, -1):
                     bounds[later + 1] = bounds[later]
                 bounds[place] = at
                 pieces += 1
-    first, nodes = np.arange(pieces + 1), held.nodes
-    turn = fill_turn(bounds[: pieces + 1], first)
-    nodes.turn[:pieces] = turn
+    _fill_rows(i, bounds[: pieces + 1], np.arange(pieces + 1), split, held)
+    return pieces
+
+
+@kernel
+def _fill_rows(i: int, bounds: NDArray[np.float64], first: NDArray[np.int64], split: Splitting, held: HeldLane) -> None:
+    """Write what is known of lane i between cage angles, in rows from ``first[0]`` on."""
+    nodes = held.nodes
+    nodes.turn[first[0] : first[-1]] = fill_turn(bounds, first)[first[0] :]
     fill_path(
-        *(split.path[i], split.profiles[split.which[i]], held.starts, bounds[: pieces + 1], first),
+        *(split.path[i], split.profiles[split.which[i]], held.starts, bounds, first),
         *(held.parameter[P_OMEGA], nodes.depth, nodes.rate),
     )
-    return pieces
 
 
 @kernel
@@ -219,6 +237,73 @@ def _whole(x1: Axis, x2: Axis, h: float, reach: float, held: HeldLane, n: int) -
     e = propagators(held.parameter, h)
     y1, y2, _, _, changed, _ = step(x1, x2, h, e, held.parameter, forces, (held.balls, held.nodes), n, reach)
     return y1, y2, changed
+
+
+@inlined
+def _rates(x: Axis, f: float, p: NDArray[np.float64]) -> Axis:
+    """Return the rates of one axis under a contact force, N."""
+    return (
+        x[1],
+        -p[P_SQUARE_I] * x[0] - p[P_DAMPING_I] * x[1] - f * p[P_INV_M_I],
+        x[3],
+        f * p[P_INV_M],
+        x[5],
+        -p[P_SQUARE_R] * x[4] - p[P_DAMPING_R] * x[5] + f * p[P_INV_M_O],
+    )
+
+
+@inlined
+def _moved(x: Axis, rate: Axis, time: float) -> Axis:
+    """Return one axis after a short time."""
+    return (
+        x[0] + time * rate[0],
+        x[1] + time * rate[1],
+        x[2] + time * rate[2],
+        x[3] + time * rate[3],
+        x[4] + time * rate[4],
+        x[5] + time * rate[5],
+    )
+
+
+@kernel
+def _write_slopes(
+    x1: Axis, x2: Axis, row: int, end: int, span: float, known: bool, held: HeldLane, slopes: NDArray[np.float64]
+) -> None:
+    """Write the rates of both accelerations to ``slopes`` (2,), by central differences along the motion.
+
+    Args:
+        x1, x2: axes at the beginning (``end`` 0) or end (1) of what stands in a row of the nodes, ``span`` s long.
+        known: whether the room knows what is in contact there, as it does after the last part of a step.
+    """
+    p, nodes, within, balls = held.parameter, held.nodes, held.room.within, held.room.balls
+    if not known:
+        p1, p2, _, _, _ = relative_motion(x1, x2, p, 0.0, nodes.turn[row, 2 * end, 0], nodes.turn[row, 2 * end, 1])
+        moved, plain, count = held.balls.moved, held.balls.plain, held.balls.moved.shape[1]
+        for j in range(count + plain.shape[1]):
+            if j < count:
+                gap = p1 * moved[0, j] + p2 * moved[1, j] - p[P_CLEARANCE] - nodes.depth[row, 2 * end, j]
+            else:
+                gap = p1 * plain[0, j - count] + p2 * plain[1, j - count] - p[P_CLEARANCE]
+            held.room.on[j] = gap > 0.0
+            hold(j, held.balls, held.room)
+    rate_1, rate_2, time = x1, x2, 0.0
+    slopes[:] = 0.0
+    for k in range(3):
+        place = end + (0.0 if k == 0 else _DIFFERENCE if k == 1 else -_DIFFERENCE)
+        path_within(place, np.int64(0), span, nodes, row, within)
+        angle = p[P_OMEGA] * span * place
+        c, s = math.cos(angle), math.sin(angle)
+        within.turn[0, 0, 0] = nodes.turn[row, 0, 0] * c - nodes.turn[row, 0, 1] * s
+        within.turn[0, 0, 1] = nodes.turn[row, 0, 1] * c + nodes.turn[row, 0, 0] * s
+        time = (place - end) * span
+        z1, z2 = (x1, x2) if k == 0 else (_moved(x1, rate_1, time), _moved(x2, rate_2, time))
+        f1, f2, _, _ = contact(z1, z2, p, balls, within, np.int64(0), np.int64(0), 0.0)
+        if k == 0:
+            rate_1, rate_2 = _rates(x1, f1, p), _rates(x2, f2, p)
+        else:
+            a, b = accelerations(z1, z2, f1, f2, p)
+            slopes[0] += 0.5 * a / time
+            slopes[1] += 0.5 * b / time
 
 
 @kernel
@@ -252,9 +337,9 @@ def take_again(
     else:
         _hold_step(i, n, tables, held)
     parts[:] = 0.0
-    z1, z2, taken = y1, y2, False
+    w1, w2, z1, z2, taken, span = x1, x2, y1, y2, False, h
     for m in range(pieces):
-        span, near, off, must = h, reach, 0.0, changed
+        near, off, must = reach, 0.0, changed
         if kinks:
             span = (bounds[m + 1] - bounds[m]) / omega
             near = max(span, min(reach, _OF_A_PIECE * span))
@@ -275,114 +360,43 @@ def take_again(
                 parts[4 + k] += total[4 + k] + off * total[k]
         x1, x2 = z1, z2
     split.changed[n, i] = taken
+    if taken:
+        first = (bounds[1] - bounds[0]) / omega if kinks else h
+        for k in range(2):
+            # The end first, of which it is known what is in contact.
+            end, known = 1 - k, k == 0
+            e1, e2, row, length, place = (z1, z2, pieces - 1, span, 1) if known else (w1, w2, 0, first, 0)
+            if length < _SHORT * h:
+                # Too short for a difference; the path is smooth on the other side, or the step there is in parts too.
+                length, row, place = _SHORT * h, _PIECES, 1 - end
+                start = split.cage[n] + omega * (end * h - place * length)
+                _fill_rows(i, np.array([start, start + omega * length]), np.array([row, row + 1]), split, held)
+            _write_slopes(e1, e2, row, place, length, known, held, split.slopes[n, i, end])
     return z1, z2
-
-
-@inlined
-def _alone(split: Splitting, n: int, i: int) -> bool:
-    """Return whether a step of lane i was taken in one, and the one before it was not, or there is none."""
-    return not split.changed[n, i] and (n == 0 or split.changed[n - 1, i])
 
 
 @kernel
 def take_lanes(
     n: int,
-    begin: int,
-    last: bool,
     w: NDArray[np.float64],
-    rows: tuple[int, int, int, int, int],
+    rows: tuple[int, int, int, int],
     h: float,
     tables: LaneTables,
     split: Splitting,
     held: HeldLane,
 ) -> None:
-    """Take step ``n`` again in the lanes that need it, and a step before it that is left alone by that.
+    """Take step ``n`` again in the lanes that need it.
 
     Args:
-        begin: first step with the same balls.
-        last: whether the block ends with this step.
         w: holds the states of the lanes.
-        rows: where in it those stand at the end of the step, at its beginning, and at that of the step before; and for
-            each lane whether its stages saw different contacts, and by how much one is near.
+        rows: where in it those stand at the end of the step and at its beginning; and for each lane whether its stages
+            saw different contacts, and by how much one is near.
     """
-    end, here, before, changes, near = rows
+    end, begin, changes, near = rows
     for i in range(LANES):
-        alone = last and n > 0 and split.changed[n - 1, i]
-        if not (alone or split.marks[n] >> i & 1 or w[changes + i] > 0.0 or w[near + i] > 0.0):
-            continue
-        for back in range(2):
-            start, stop = (here, end) if back == 0 else (before, here)
-            x1, x2 = load(w, start, i), load(w, start + 6 * LANES, i)
-            y1, y2 = load(w, stop, i), load(w, stop + 6 * LANES, i)
-            changed = back == 1 or alone or w[changes + i] > 0.0
-            y1, y2 = take_again(x1, x2, y1, y2, changed, i, n - back, h, tables, split, held)
-            if back == 0:
-                store(w, end, i, y1)
-                store(w, end + 6 * LANES, i, y2)
-            if not (split.changed[n, i] and n > begin and _alone(split, n - 1, i)):
-                break
-
-
-@kernel
-def mark_kinks(begin: int, end: int, bounds: NDArray[np.int64], turn: float, split: Splitting) -> None:
-    """Write ``marks`` of steps ``begin`` to ``end``, in each of which the cage turns by ``turn``, rad.
-
-    ``bounds``: first step of each ball period, and the number of steps.
-    """
-    split.marks[begin:end] = 0
-    for period in range(bounds.shape[0] - 1):
-        first, stop = bounds[period], bounds[period + 1]
-        if first < begin or stop > end:
-            continue
-        for i in range(LANES):
-            for kink in split.kinks[i]:
-                if not math.isfinite(kink):
-                    break
-                for k in range(split.start.shape[0]):
-                    at = _passed_after(kink, split.start[k, i]) - split.cage[first]
-                    for side in (-_ON_THE_END, _ON_THE_END):
-                        n = first + math.floor((at + side) / turn)
-                        if first <= n < stop:
-                            split.marks[n] |= 1 << i
-
-
-@kernel
-def weigh(wave: NDArray[np.float64], split: Splitting, h: float, out: NDArray[np.float64]) -> None:
-    """Write the mean squares of a block to ``out`` (2, L), and make of ``wave`` (n + 1, 2, L) what a sum over its first
-    n values makes lines of: each value by its weight, and steps that were taken again by their parts.
-
-    Lanes in which none was are left as they are.
-    """
-    steps = wave.shape[0] - 1
-    flow, first, weight = np.full((1, 10), h), np.array([0, steps]), np.empty(steps + 1)
-    smooth, changed = np.empty(0), np.empty(steps, dtype=np.bool_)
-    out[:] = 0.0
-    for n in range(steps):
-        for sensor in range(2):
-            for i in range(LANES):
-                out[sensor, i] += wave[n, sensor, i] * wave[n, sensor, i]
-    out /= steps
-    for i in range(LANES):
-        any_changed = False
-        for n in range(steps):
-            changed[n] = split.changed[n, i]
-            any_changed = any_changed or changed[n]
-        if not any_changed:
-            continue
-        fill_weights(flow, first, smooth, changed, True, weight)
-        for sensor in range(2):
-            power = 0.0
-            for n in range(steps + 1):
-                power += weight[n] * wave[n, sensor, i] * wave[n, sensor, i]
-                wave[n, sensor, i] *= weight[n] * steps
-            wave[0, sensor, i] += wave[steps, sensor, i]
-            for n in range(steps):
-                if changed[n]:
-                    part = split.parts[n, i]
-                    power += part[2 + sensor] / (steps * h)
-                    even, odd = part[sensor] / h, part[4 + sensor] / (h * h)
-                    wave[(n + steps - 1) % steps, sensor, i] += _EVEN_OUTER * even - _ODD_OUTER * odd
-                    wave[n, sensor, i] += _EVEN * even - _ODD * odd
-                    wave[(n + 1) % steps, sensor, i] += _EVEN * even + _ODD * odd
-                    wave[(n + 2) % steps, sensor, i] += _EVEN_OUTER * even + _ODD_OUTER * odd
-            out[sensor, i] = max(power, 0.0)
+        if split.marks[n] >> i & 1 or w[changes + i] > 0.0 or w[near + i] > 0.0:
+            x1, x2 = load(w, begin, i), load(w, begin + 6 * LANES, i)
+            y1, y2 = load(w, end, i), load(w, end + 6 * LANES, i)
+            y1, y2 = take_again(x1, x2, y1, y2, w[changes + i] > 0.0, i, n, h, tables, split, held)
+            store(w, end, i, y1)
+            store(w, end + 6 * LANES, i, y2)

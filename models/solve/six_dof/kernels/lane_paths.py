@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.six_dof.kernels.lane_instants import LANES
+from models.solve.six_dof.kernels.lane_instants import LANES, ON_THE_END, passed_after
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from models.solve.six_dof.kernels.lane_instants import Splitting
 
 # Rows of ``path``.
 D_HALF = 0  # half the extent, rad; not positive where a lane has no defect
@@ -157,3 +159,26 @@ def redraw(
         for i in range(LANES):
             angle = ring[plain_at[j]] + slip[plain_at[j], i]
             plain[j, 0, i], plain[j, 1, i] = math.cos(angle), math.sin(angle)
+
+
+@kernel
+def mark_kinks(begin: int, end: int, bounds: NDArray[np.int64], turn: float, split: Splitting) -> None:
+    """Write ``marks`` of steps ``begin`` to ``end``, in each of which the cage turns by ``turn``, rad.
+
+    ``bounds``: first step of each ball period, and the number of steps.
+    """
+    split.marks[begin:end] = 0
+    for period in range(bounds.shape[0] - 1):
+        first, stop = bounds[period], bounds[period + 1]
+        if first < begin or stop > end:
+            continue
+        for i in range(LANES):
+            for kink in split.kinks[i]:
+                if not math.isfinite(kink):
+                    break
+                for k in range(split.start.shape[0]):
+                    at = passed_after(kink, split.start[k, i]) - split.cage[first]
+                    for side in (-ON_THE_END, ON_THE_END):
+                        n = first + math.floor((at + side) / turn)
+                        if first <= n < stop:
+                            split.marks[n] |= 1 << i

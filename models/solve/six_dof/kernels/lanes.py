@@ -28,8 +28,8 @@ for the beginning, middle and end of a step:
 - ``parameter``: as in step.py; the static displacements and load in it are not used.
 - ``lane`` (3, L): static load, N, and static displacements along and across the load, m.
 - ``state`` (12, L): state along the load and across it, updated in place.
-- ``wave`` (n + 1, 2, L), written: acceleration along the load of outer ring and resonator at the beginning of each step
-  and at the end of the last, m/s2.
+- ``wave`` (n, 2, L), written: acceleration along the load of outer ring and resonator at the beginning of each step,
+  m/s2.
 
 ``tables`` and ``split``: see ``lane_instants``, which takes steps again in the lanes whose contacts change in them.
 """
@@ -96,9 +96,9 @@ _MASK = 35 * LANES
 _FIRST = 36 * LANES
 _DIFFERS = 37 * LANES
 _NEAR = 38 * LANES
-# States at the beginning of this step and the one before, in turn.
+# States at the beginning of the step.
 _BEGIN = 39 * LANES
-_ROWS = 63
+_ROWS = 51
 
 
 @kernel
@@ -208,26 +208,6 @@ def _force(w: NDArray[np.float64], i: int, c: float, s: float) -> tuple[float, f
 
 
 @inlined
-def _record(
-    w: NDArray[np.float64],
-    wave: NDArray[np.float64],
-    n: int,
-    i: int,
-    c: float,
-    s: float,
-    inverse: Inverse,
-    spring: tuple[float, float, float],
-) -> tuple[float, float]:
-    """Write the accelerations of one lane; return the force."""
-    k_r, c_r, b_r = spring
-    g1, g2 = _force(w, i, c, s)
-    pull = k_r * w[_X + 4 * LANES + i] + c_r * w[_X + 5 * LANES + i]
-    wave[n, 0, i] = (g1 - pull) * inverse[2]
-    wave[n, 1, i] = pull * b_r
-    return g1, g2
-
-
-@inlined
 def _start(
     w: NDArray[np.float64],
     wave: NDArray[np.float64],
@@ -244,9 +224,13 @@ def _start(
 ) -> None:
     """Record the accelerations at the beginning of a step and go on to the first state in its middle."""
     b_i, b_m, b_o = inverse
+    k_r, c_r, b_r = spring
     for i in range(LANES):
         x1, x2 = load(w, _X, i), load(w, _X + 6 * LANES, i)
-        g1, g2 = _record(w, wave, n, i, c, s, inverse, spring)
+        g1, g2 = _force(w, i, c, s)
+        pull = k_r * x1[4] + c_r * x1[5]
+        wave[n, 0, i] = (g1 - pull) * b_o
+        wave[n, 1, i] = pull * b_r
         store(w, _Y, i, propagate(x1, e))
         store(w, _Y + 6 * LANES, i, propagate(x2, e))
         store(w, _X, i, propagate(kick(x1, h / 6.0 * g1, 0.0, b_i, b_m, b_o), e))
@@ -313,10 +297,10 @@ def _store_lanes(w: NDArray[np.float64], state: NDArray[np.float64]) -> int:
 
 
 @inlined
-def _begin(w: NDArray[np.float64], here: int) -> None:
+def _begin(w: NDArray[np.float64]) -> None:
     """Keep the states at the beginning of a step."""
     for k in range(12 * LANES):
-        w[here + k] = w[_X + k]
+        w[_BEGIN + k] = w[_X + k]
     for i in range(LANES):
         w[_NEAR + i] = 0.0
         w[_DIFFERS + i] = 0.0
@@ -351,7 +335,7 @@ def advance(
     wave: NDArray[np.float64],
 ) -> int:
     """Carry all lanes over steps ``begin`` to ``end``; see the module for the arrays. Return a STATUS_ number."""
-    turn, steps, h = tables.turn, tables.turn.shape[0], flow[0]
+    turn, h = tables.turn, flow[0]
     w, held = np.zeros(_ROWS * LANES), make_held(parameter, tables, split.near)
     inverse = (parameter[P_INV_M_I], parameter[P_INV_M], parameter[P_INV_M_O])
     spring = (parameter[P_K_R], parameter[P_C_R], parameter[P_INV_M_R])
@@ -370,9 +354,8 @@ def advance(
         c, s = turn[n, 0, 0], turn[n, 0, 1]
         cm, sm = turn[n, 1, 0], turn[n, 1, 1]
         ce, se = turn[n, 2, 0], turn[n, 2, 1]
-        here, before = _BEGIN + n % 2 * 12 * LANES, _BEGIN + (n + 1) % 2 * 12 * LANES
         if splits:
-            _begin(w, here)
+            _begin(w)
         for i in range(LANES):
             _approach(w, i, load(w, _X, i), load(w, _X + 6 * LANES, i), c, s, relative)
         _contact(w, n, np.int64(0), near, tables, law, bits, reach)
@@ -393,13 +376,6 @@ def advance(
             z2 = kick(load(w, _X + 6 * LANES, i), h / 6.0 * g2, 0.0, inverse[0], inverse[1], inverse[2])
             store(w, _X + 6 * LANES, i, z2)
             split.changed[n, i] = False
-        if splits and (split.marks[n] != 0 or n == steps - 1 or _in_question(w)):
-            rows = (_X, here, before, _DIFFERS, _NEAR)
-            take_lanes(n, begin, n == steps - 1, w, rows, h, tables, split, held)
-    c, s = turn[end - 1, 2, 0], turn[end - 1, 2, 1]
-    for i in range(LANES):
-        _approach(w, i, load(w, _X, i), load(w, _X + 6 * LANES, i), c, s, relative)
-    _contact(w, end - 1, np.int64(2), near, tables, law, bits, none)
-    for i in range(LANES):
-        _record(w, wave, end, i, c, s, inverse, spring)
+        if splits and (split.marks[n] != 0 or _in_question(w)):
+            take_lanes(n, w, (_X, _BEGIN, _DIFFERS, _NEAR), h, tables, split, held)
     return _store_lanes(w, state)

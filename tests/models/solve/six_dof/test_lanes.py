@@ -23,8 +23,7 @@ from models.solve.response import STATUSES
 from models.solve.simulate import simulate
 from models.solve.six_dof.kernels.lane_instants import LANES
 from models.solve.six_dof.kernels.lanes import advance
-from models.solve.six_dof.kernels.period import Period, blank_trace, mean_square
-from models.solve.six_dof.kernels.settled import fourier_coefficients
+from models.solve.six_dof.kernels.period import Period, blank_trace
 from models.solve.six_dof.kernels.step import P_CLEARANCE, P_LOAD_1, P_U_1, P_U_2, Balls, StepNodes
 from models.solve.six_dof.lane_group import PERIODS, Group, Workspace, block_steps, grid_of
 from models.solve.six_dof.lanes import LaneOptions, LaneRunner, simulate_lanes
@@ -74,12 +73,12 @@ def test_against_the_one_scene_solver() -> None:
     truth = np.array([r.rms for r in fine])
     found = simulate_lanes(scenes)
     error = found.rms / truth - 1.0
-    assert np.sqrt(np.mean(error**2)) < 2e-3
-    assert np.abs(error).max() < 1e-2
+    assert np.sqrt(np.mean(error**2)) < 5e-4
+    assert np.abs(error).max() < 1e-3
     lines = np.array([r.harmonics for r in fine])
-    assert np.abs(found.harmonics - lines).max() < 5e-3 * truth.max()
+    assert np.abs(found.harmonics - lines).max() < 1e-3 * truth.max()
     resonator = np.array([r.levels_of("mr")[0] for r in fine])
-    assert np.abs(found.rms_resonator / resonator - 1.0).max() < 1e-2
+    assert np.abs(found.rms_resonator / resonator - 1.0).max() < 2e-3
     assert all(STATUSES[s] == "converged" for s in found.status)
     assert np.all(found.rms_se == 0.0)
 
@@ -119,7 +118,7 @@ def test_the_middle_slope_that_keeps_the_change_of_depth_pays() -> None:
                 group.rate[:, 1, :, i] = 2.0 * math.pi / 12 * group.grid.bpfo * p(angles)[1]
         for _ in range(4):
             group.run_block()
-        errors[mended] = np.sqrt(np.mean((np.sqrt(np.mean(group.wave[:-1, 0] ** 2, axis=0)) / truth - 1.0) ** 2))
+        errors[mended] = np.sqrt(np.mean((np.sqrt(np.mean(group.wave[:, 0] ** 2, axis=0)) / truth - 1.0) ** 2))
     assert errors[True] < 0.5 * errors[False]
 
 
@@ -229,7 +228,10 @@ def as_one_scene(group: Group, lane: int) -> Period:
 
 
 def test_a_lane_is_as_the_kernels_of_one_scene() -> None:
-    """Two blocks from rest on the same steps; kinks are no ends of steps there, and so are left out here."""
+    """Two blocks from rest on the same steps; kinks are no ends of steps there, and so are left out here.
+
+    There, steps that are left alone between two in parts are taken in parts as well.
+    """
     rng = np.random.default_rng(SEED)
     loads, extents = np.exp(rng.uniform(4.0, 8.0, LANES)), np.radians(rng.uniform(1.0, 20.0, LANES))
     scenes = [
@@ -238,25 +240,25 @@ def test_a_lane_is_as_the_kernels_of_one_scene() -> None:
     ]
     group = new_group(scenes, 128)
     group.split.kinks[:] = np.nan
-    states, levels = [np.zeros((2, 6))] * LANES, np.empty((LANES, 2))
+    states = [np.zeros((2, 6))] * LANES
     for _ in range(2):
         group.run_block()
         for i in range(LANES):
             period = as_one_scene(group, i)
             trace = blank_trace(period)
             states[i] = run(period, states[i], trace)
-            assert np.array_equal(group.split.changed[:, i], trace.changed)
-            assert group.wave[:, :, i] == pytest.approx(trace.wave, rel=1e-9, abs=1e-9 * np.abs(trace.wave).max())
-            parts = group.split.parts[trace.changed, i] * group.grid.bpfo
+            changed = group.split.changed[:, i]
+            alone = trace.changed & ~changed
+            assert np.any(changed)
+            assert np.all(trace.changed[changed])
+            assert np.all(changed[np.flatnonzero(alone[1:-1]) + 2])
+            wave = group.wave[:, :, i]
+            assert wave == pytest.approx(trace.wave[:-1], rel=1e-9, abs=1e-9 * np.abs(trace.wave).max())
+            # Shares of a period there.
+            parts, true = group.split.parts[changed, i] * group.grid.bpfo, trace.parts[changed]
             for k in range(6):
-                true = trace.parts[trace.changed, k]
-                assert parts[:, k] == pytest.approx(true, rel=1e-9, abs=1e-9 * np.abs(true).max())
-            # Parts are shares of one period there, weights of the whole block.
-            levels[i] = trace.weight @ trace.wave**2 + trace.parts[trace.changed, 2:4].sum(axis=0) / PERIODS
-    assert group.split.changed.any(axis=0).all()
-    squares = group.measure()
-    for sensor in (0, 1):
-        assert squares[sensor] == pytest.approx(levels[:, sensor], rel=1e-9)
+                assert parts[:, k] == pytest.approx(true[:, k], rel=1e-9, abs=1e-9 * np.abs(true[:, k]).max())
+            assert group.state[:, :, i] == pytest.approx(states[i], rel=1e-9, abs=1e-15)
 
 
 ORDERS = {
@@ -268,7 +270,7 @@ ORDERS = {
 
 @pytest.mark.parametrize("name", list(ORDERS))
 def test_order_whatever_the_number_of_instants(name: str) -> None:
-    """Seven periods from rest against the kernels of one scene: velocities at the end, mean square and lines."""
+    """Velocities after seven periods from rest against the kernels of one scene."""
     scene, clearance, coarsest = ORDERS[name]
     period = period_of(scene, 32 * coarsest)
     if clearance is not None:
@@ -276,26 +278,29 @@ def test_order_whatever_the_number_of_instants(name: str) -> None:
         parameter, balls = period.parameter.copy(), period.balls
         parameter[P_CLEARANCE] = clearance
         period = period._replace(parameter=parameter, balls=balls._replace(near=balls.plain.shape[1]))
-    state, trace, squares, lines = np.zeros((2, 6)), blank_trace(period), [], []
+    state, trace = np.zeros((2, 6)), blank_trace(period)
     for _ in range(PERIODS):
         state = run(period, state, trace)
-        squares.append(mean_square(trace, 0))
-        lines.append(fourier_coefficients(trace, period, 6)[0, 1:])
-    errors: list[list[float]] = [[], [], []]
+    errors = []
     for fold in (1, 2, 4):
         group = new_group([scene], fold * coarsest, clearance=clearance)
         if clearance is not None:
             group.near = np.repeat(np.array([[0, len(group.plain)]]), group.grid.steps, axis=0)
             group.split = group.split._replace(near=len(group.plain))
         group.run_block()
-        errors[0].append(relative(group.state[:, 1::2, 0], state[:, 1::2]))
-        errors[1].append(abs(group.measure()[0, 0] / np.mean(squares) - 1.0))
-        spectrum = np.fft.rfft(group.wave[:-1, 0, 0])[PERIODS : 6 * PERIODS + 1 : PERIODS] / group.grid.steps
-        errors[2].append(relative(np.abs(spectrum), np.abs(np.mean(lines, axis=0))))
-    # A mean over a block without an instant takes it to repeat, which this transient does not.
-    for each in errors if clearance is None else errors[:1]:
-        assert 3.1 < slope(each) < 6.0
-        assert each[-1] < 2e-5
+        errors.append(relative(group.state[:, 1::2, 0], state[:, 1::2]))
+    assert 3.4 < slope(errors) < 6.0
+    assert errors[-1] < 5e-6
+
+
+@pytest.mark.parametrize("name", ["pit", "spall"])
+def test_levels_and_lines_of_settled_lanes(name: str) -> None:
+    """Against the solver of one scene; the order of both is in test_order.py."""
+    scene = OPENING[name]
+    true = simulate(scene, accuracy=1e-7, quantity="lines")
+    found = simulate_lanes([scene], LaneOptions(steps_per_period=512, tolerance=1e-9))
+    assert found.rms[0] == pytest.approx(true.rms, rel=5e-5)
+    assert found.harmonics[0] == pytest.approx(true.harmonics, abs=5e-5 * true.harmonics.max())
 
 
 def test_order_of_forty_instants_a_period() -> None:
@@ -326,8 +331,8 @@ def test_slip_against_the_oracle() -> None:
     oracle = SlipOracle(Case(40.0, 4000.0, defect.dphi_d, defect.h_d, rows=2), draws[:, :, 0])
     factor = effort_count(quick=2, full=4)
     truth = oracle.acceleration(factor * group.grid.steps)[::factor]
-    assert np.sqrt(np.mean((group.wave[:-1, 0, 0] - truth) ** 2) / np.mean(truth**2)) < 0.03
-    assert np.sqrt(np.mean(group.wave[:-1, 0, 0] ** 2) / np.mean(truth**2)) == pytest.approx(1.0, abs=5e-3)
+    assert np.sqrt(np.mean((group.wave[:, 0, 0] - truth) ** 2) / np.mean(truth**2)) < 0.03
+    assert np.sqrt(np.mean(group.wave[:, 0, 0] ** 2) / np.mean(truth**2)) == pytest.approx(1.0, abs=5e-3)
 
 
 def test_slip_that_vanishes_is_none() -> None:
