@@ -63,6 +63,13 @@ def add_quadrature(weight: NDArray[np.float64], scale: float) -> None:
 
 
 @kernel
+def copy_values(values: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    """Write values, (n,), to others; ``out[:] = values`` compiles the text of an error of shapes as well."""
+    for i in range(out.shape[0]):
+        out[i] = values[i]
+
+
+@kernel
 def fill_weights(
     flow: NDArray[np.float64],
     first: NDArray[np.int64],
@@ -80,7 +87,7 @@ def fill_weights(
         weight: written, (steps + segments,).
     """
     if not any_changed:
-        weight[:] = smooth
+        copy_values(smooth, weight)
         return
     duration = 0.0
     for k in range(first.shape[0] - 1):

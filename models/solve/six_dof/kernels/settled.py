@@ -36,7 +36,7 @@ from models.solve.six_dof.kernels.orbit import (
     settle,
     spectral_radius,
 )
-from models.solve.six_dof.kernels.period import blank_trace, mean_square
+from models.solve.six_dof.kernels.period import blank_trace, copy_values, mean_square
 from models.solve.six_dof.kernels.period_setup import set_up
 from models.solve.six_dof.kernels.step import P_CLEARANCE, P_U_1
 from models.solve.six_dof.kernels.tangent import tangent_jacobian
@@ -319,7 +319,7 @@ def solve(
     promising = effort.accuracy * (1.0 if effort.quantity == Q_WAVE else _PROMISING)
     for grid in range(effort.grids):
         before, trace_before = period, trace
-        levels.coarse[:] = levels.now
+        copy_values(levels.now, levels.coarse)
         if grid > 0:
             period = set_up(path, profile, point, damaged_rows, effort.steps, effort.least, 1 << grid)
             trace, tolerance = blank_trace(period), _tolerance(effort, levels.now)
@@ -371,7 +371,7 @@ def solve(
                 plain = 0
                 # Newton's method doubles the digits: the next change would be far smaller.
                 calm = 1 if found[R_RADIUS] <= _DOUBTFUL else CALM_PERIODS
-            begin[:] = state
+            begin = state.copy()
         if 2 * steps > effort.most:
             break
         settled_before = settled
