@@ -46,6 +46,7 @@ class Solver:
             no shaft that moves.
         whole: whether it leaves out nothing of a machine that the parameters of a scene describe; None where it never
             does. Such a solver is a reference; any other only stands for one (``models.solve.simulate``).
+        derivatives: parameters by which it gives derivatives of what repeats.
     """
 
     model: str
@@ -58,6 +59,7 @@ class Solver:
     rig: type[RigParameters]
     whole: Callable[[Scene], bool] | None = None
     trajectories: Callable[[Scene, Request], Trajectories | None] | None = None
+    derivatives: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise a ValueError that names a field which the registry could not use."""

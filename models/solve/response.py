@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -113,6 +114,27 @@ class Added(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class Derivative:
+    """How a settled vibration changes by one parameter, m/s2 over the SI unit of that parameter.
+
+    Attributes:
+        rms: of the RMS of the first sensor in ``Response.rms_band``.
+        harmonics: of the amplitudes of the first lines, (HARMONICS,); NaN of a line that is silent.
+        rms_error, harmonics_error: their errors, estimated from two grids of steps, in the same units.
+        status: "checked" (two grids of steps agree within the accuracy), "inaccurate" (they do not, or not beyond what
+            is stated) or "withheld" (unknown, NaN).
+        why: it is withheld, "" where it is not.
+    """
+
+    rms: float
+    harmonics: NDArray[np.float64]
+    rms_error: float
+    harmonics_error: NDArray[np.float64]
+    status: Literal["checked", "inaccurate", "withheld"]
+    why: str
+
+
+@dataclass(frozen=True, eq=False)
 class Response:
     """The settled vibration of one scene, in m/s2 (sensor "ias": rad/s).
 
@@ -167,6 +189,7 @@ class Response:
             there are HARMONICS of them.
         left_out: effects that are not in the answer.
         added: effects that were added to the motion that repeats, with lines of their own; None where there are none.
+        derivatives: by the parameters that were asked for, by name.
     """
 
     levels: tuple[tuple[float, float], ...]
@@ -197,6 +220,7 @@ class Response:
     left_out: tuple[LeftOut, ...] = ()
     averaging_error: float = 0.0
     added: Added | None = None
+    derivatives: Mapping[str, Derivative] = field(default_factory=dict)
 
     def turns(self) -> NDArray[np.float64]:
         """Return how far the shaft has turned at the samples of the record since the first, revolutions, (samples,).

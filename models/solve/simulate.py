@@ -24,6 +24,8 @@ from models.solve.response import LeftOut, judged, lines_error
 from models.words.request import Request
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from models.machine.scene import Scene
     from models.solve.response import Response
     from models.words.request import Quantity, Sensor
@@ -217,7 +219,8 @@ def select(scene: Scene, request: Request) -> Choice:
     """
     reference, why, cost = choose(scene, request)
     plain = Choice(reference, scene, request, why)
-    if scene.model != AUTO or request.steps_per_period is not None or reference.error > request.accuracy:
+    given = request.steps_per_period is not None or len(request.derivatives) > 0
+    if scene.model != AUTO or given or reference.error > request.accuracy:
         return plain
     found, refused = stand_ins(scene, request, reference)
     dear = reference.cost(scene, request) if cost is None else cost
@@ -289,6 +292,7 @@ def simulate(
     rate: float = Request.rate,
     quantity: Quantity = "rms",
     sensor: Sensor | None = None,
+    derivatives: Sequence[str] = (),
 ) -> Response:
     """Return the settled vibration of a scene.
 
@@ -320,6 +324,9 @@ def simulate(
             error is that of the RMS over the local slope of ln RMS by ln V (``volume_slope``), which needs two more
             responses. That one RMS may belong to several volumes is not in it.
         sensor: the first of the response, to which its errors apply; None is the first of the model.
+        derivatives: parameters by which those of RMS and lines are given (``Response.derivatives``), of a motion that
+            repeats with the ball passage: fields of the rig, "load", "speed", "clearance", "gravity",
+            "gravity_angle", "direction", and "dphi_d", "h_d", "position" of the defect.
 
     Raises:
         ValueError: if the scene or an argument is outside what the model describes; the message names it.
@@ -336,6 +343,7 @@ def simulate(
         rate=rate,
         quantity=quantity,
         sensor=sensor,
+        derivatives=tuple(derivatives),
     )
     if quantity != "v_eq":
         return _answer(scene, request)
@@ -357,7 +365,7 @@ def volume_slope(scene: Scene, request: Request) -> float:
     if defect is None or not defect.moves_balls or scene.more_defects:
         raise ValueError("quantity 'v_eq' needs a scene with one defect of some extent and depth")
     change = min(max(2.0 * request.accuracy, _LEAST_CHANGE), _MOST_CHANGE)
-    finer = replace(request, quantity="rms", accuracy=min(request.accuracy, _SLOPE_ACCURACY * change))
+    finer = replace(request, quantity="rms", accuracy=min(request.accuracy, _SLOPE_ACCURACY * change), derivatives=())
     # Each of extent and depth takes half of the change of the volume in logarithm, to either side.
     share = math.exp(0.25 * math.log1p(change))
     sizes = [(min(k * defect.dphi_d, 2.0 * math.pi), k * defect.h_d) for k in (1.0 / share, share)]
@@ -374,6 +382,12 @@ def _answer(scene: Scene, request: Request) -> Response:
     found = _without_weak(scene, request, chosen.solver)
     if found is not None:
         return found
+    if request.derivatives and not chosen.solver.derivatives:
+        able = [f"{one.model} ({one.name})" for one in solvers() if one.derivatives]
+        raise ValueError(
+            f"derivatives: {chosen.solver.model} ({chosen.solver.name}) has none; {', '.join(able)} has, of a motion "
+            "that nothing but the ball passages drives"
+        )
     found = chosen.answer()
     if chosen.instead is None:
         return found

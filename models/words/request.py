@@ -43,6 +43,7 @@ class Request:
     rate: float = 51200.0
     quantity: Quantity = "rms"
     sensor: Sensor | None = None
+    derivatives: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check each field by itself."""

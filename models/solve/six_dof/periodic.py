@@ -18,6 +18,7 @@ from models.machine.bearing import kinematics
 from models.machine.rig import Rig
 from models.solve.registry import Solver
 from models.solve.response import HARMONICS, Response, Status, band_lines, judged, levels_of_lines, lines_error
+from models.solve.six_dof.derivatives import check_derivatives, of_orbit, withheld
 from models.solve.six_dof.kernels import settled as kernels
 from models.solve.six_dof.kernels.errors import Q_LINES, Q_RMS, Q_WAVE
 from models.solve.six_dof.kernels.orbit import STATE_SCALE
@@ -25,6 +26,7 @@ from models.solve.six_dof.kernels.settled import Effort, fourier_coefficients, l
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
 from models.solve.six_dof.orbit import PeriodicMotion, simulate_on
 from models.solve.six_dof.setup import (
+    DERIVATIVES,
     LEAST_IN_SEGMENT,
     MODEL,
     MOST_STEPS,
@@ -40,9 +42,12 @@ from models.solve.six_dof.setup import (
 from models.words.request import Request
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from models.machine.scene import Scene
+    from models.solve.response import Derivative
     from models.solve.six_dof.kernels.period import Period, PeriodTrace
     from models.words.request import Quantity
 
@@ -91,6 +96,7 @@ def solve(scene: Scene, request: Request) -> Response:
         ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
     check_scene(scene)
+    check_derivatives(scene, request.derivatives)
     return judged(_solve(scene, request), request)
 
 
@@ -268,7 +274,7 @@ def _line_count(scene: Scene, period: Period, request: Request) -> int:
 
 def _repeating(scene: Scene, orbit: Orbit, request: Request, earlier: int = 0) -> Response:
     """Return the response of a motion that repeats."""
-    period, found = orbit.period, orbit.found
+    period, found, names = orbit.period, orbit.found, request.derivatives
     coefficients = fourier_coefficients(orbit.trace, period, _line_count(scene, period, request))
     peak = np.array([largest(orbit.trace.wave, period.first, sensor) for sensor in (0, 1)])
     return _response(
@@ -284,6 +290,7 @@ def _repeating(scene: Scene, orbit: Orbit, request: Request, earlier: int = 0) -
         harmonics_error=found[kernels.R_LINES + HARMONICS :].copy(),
         # "judged" tells whether it is accurate.
         status="inaccurate",
+        derivatives=of_orbit(scene, request, period, orbit.state, names) if names else {},
     )
 
 
@@ -301,6 +308,7 @@ def _not_repeating(scene: Scene, motion: PeriodicMotion, orbit: Orbit, request: 
         multiplier=orbit.multiplier,
         harmonics_error=np.full(HARMONICS, math.nan),
         status="not_periodic" if motion.stationary else "not_converged",
+        derivatives=withheld(request.derivatives, "the motion does not repeat, or what repeats is unstable"),
     )
 
 
@@ -321,6 +329,7 @@ def _response(
     multiplier: float,
     harmonics_error: NDArray[np.float64],
     status: Status,
+    derivatives: Mapping[str, Derivative],
 ) -> Response:
     """Return the response; the errors are relative."""
     rms, bpfo = np.sqrt(power), kinematics(scene.bearing, scene.speed).bpfo
@@ -350,6 +359,7 @@ def _response(
         status=status,
         rms_band=request.band,
         coefficients=coefficients,
+        derivatives=derivatives,
     )
 
 
@@ -384,4 +394,5 @@ SOLVER = Solver(
     solve=solve,
     reason="the motion repeats with the ball passage, so that one period is solved",
     rig=Rig,
+    derivatives=DERIVATIVES,
 )

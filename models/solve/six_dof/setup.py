@@ -39,6 +39,11 @@ _NO_PROFILE.flags.writeable = False
 
 # The name of the model, and what its three ways of solving have (models.machine.scene.EFFECTS).
 MODEL = "six_dof"
+# What a derivative can be asked by: fields of the rig, of the scene (and the sensor's direction), and of its defect.
+OF_RIG = (*Rig.uncertain, "m_b")
+OF_SCENE = ("load", "speed", "clearance", "gravity", "gravity_angle", "direction")
+OF_DEFECT = ("dphi_d", "h_d", "position")
+DERIVATIVES = (*OF_RIG, *OF_SCENE, *OF_DEFECT)
 _OUTER = frozenset({"outer_defect", "rough_floor", "clearance", "with_casing"})
 PERIODIC_EFFECTS = _OUTER | {"first_row", "roller", "waviness", "gravity"}
 LANE_EFFECTS = _OUTER | {"slip", "mean_force_slip"}

@@ -37,6 +37,8 @@ from monitor.commands.simulate.scene import (
     SweepRange,
     compare,
     compared_lines,
+    derivative_lines,
+    derivative_values,
     request_of,
     settle_speeds,
     simulated,
@@ -98,6 +100,7 @@ _USUAL = {"speed_hz": 40.0, "load_newton": 4000.0}
 @click.option("--rms-band-hz", type=option.Range(), help="Take RMS and peak in this band only.")
 @click.option("--plot", type=option.OUT_FILE, help="Draw the scene (PNG, SVG or HTML).")
 @click.option("--waveform", type=option.OUT_FILE, help="Write the signal as CSV.")
+@click.option("--derivatives", default="", metavar="NAME,...", help="By load, speed, k_r ...; see the reference.")
 @click.option("--compare", is_flag=True, help="Every model that describes the scene.")
 @click.option("--sweep", type=SweepRange(), help="Follow the motion along an option; folds, lost stability.")
 @option.line_contact
@@ -158,7 +161,8 @@ def _answer(scene: Scene, options: dict[str, Any]) -> dict[str, Any]:
         _write_waveform(options["waveform"], signal, sensor, response.status, tacho)
     if options["plot"] is not None:
         _plot(response, options, scene, sensor)
-    return _values(response, scene, sensor) | speed_values(scene, options["duration_s"])
+    values = _values(response, scene, sensor) | speed_values(scene, options["duration_s"])
+    return values | derivative_values(response)
 
 
 def _values(response: Response, scene: Scene, sensor: Sensor) -> dict[str, Any]:
@@ -311,6 +315,7 @@ def _lines(values: dict[str, Any], scene: Scene) -> Iterator[str]:
     harmonics = ", ".join("-" if a is None else f"{a:.3g}" for a in values[f"harmonics_{unit}"])
     yield f"BPFO {values['bpfo_hz']:.2f} Hz, its harmonics {harmonics} {words}"
     yield from speed_lines(values, scene)
+    yield from derivative_lines(values)
     yield from _remarks(values, scene)
 
 

@@ -222,6 +222,7 @@ def request_of(options: dict[str, Any]) -> Request:
         rate=WAVEFORM_RATE,
         quantity=options["quantity"],
         sensor=options["sensor"],
+        derivatives=tuple(name.strip() for name in options["derivatives"].split(",") if name.strip()),
     )
 
 
@@ -230,6 +231,29 @@ def simulated(scene: Scene, options: dict[str, Any]) -> Response:
     from models.solve.simulate import simulate
 
     return simulate(scene, **asdict(request_of(options)))
+
+
+def derivative_values(response: Response) -> dict[str, Any]:
+    """Return what is printed of derivatives, m/s2 over the SI unit of each parameter; nothing where there are none."""
+    found = {
+        name: {
+            "rms": finite(one.rms),
+            "rms_error": finite(one.rms_error),
+            "harmonics": [finite(float(line)) for line in one.harmonics],
+            "harmonics_error": [finite(float(line)) for line in one.harmonics_error],
+            "status": one.status,
+            "why": one.why or None,
+        }
+        for name, one in response.derivatives.items()
+    }
+    return {"derivatives": found} if found else {}
+
+
+def derivative_lines(values: dict[str, Any]) -> Iterator[str]:
+    """Yield a line for people of each derivative."""
+    for name, one in values.get("derivatives", {}).items():
+        known = f"{one['rms']:.6g} m/s² (± {one['rms_error']:.1g})" if one["rms"] is not None else str(one["why"])
+        yield f"RMS by {name} (SI): {known}, {one['status']}"
 
 
 def compare(scene: Scene, config: Config, entry: CatalogueEntry, options: dict[str, Any]) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.six_dof.kernels.parts import SUMS, Room, advance, hold
+from models.solve.six_dof.kernels.parts import MOST_PARTS, SUMS, Room, advance, hold
 from models.solve.six_dof.kernels.step import P_CLEARANCE, P_OMEGA, Balls, StepNodes, relative_motion
 
 if TYPE_CHECKING:
@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 GRAZING = 0.02
 # No part ends at an extremum so near to its ends.
 _INNER = 0.05
-# Parts that a step may take, those that end at an extremum, and corrections of one instant.
-_PARTS = 96
+# Parts of a step that end at an extremum, and corrections of one instant.
 _LOOKS = 3
 _CORRECTIONS = 30
 # Distance from an instant over the step at which it counts as found; of two so near neither is the first.
@@ -47,7 +46,7 @@ def _pace(drive: NDArray[np.float64] | None, n: Index, node: Index) -> float:
 
 
 @inlined
-def _fill_gaps(
+def fill_gaps(
     x1: Axis,
     x2: Axis,
     p: NDArray[np.float64],
@@ -155,7 +154,7 @@ def _first_event(room: Room, span: float, skip: Index, look: bool) -> tuple[floa
 
 
 @inlined
-def _change(target: Index, h: float, balls: Balls, room: Room) -> int:
+def change(target: Index, h: float, balls: Balls, room: Room) -> int:
     """Go on to the end of a part at which ``target`` changes its contact, if it is one; return how many do.
 
     Others change at the same time: those whose gap says so, or will within a vanishing share of the step ``h``, s.
@@ -213,8 +212,8 @@ def retake(
         total: written where the step was taken in parts: integrals over it, (SUMS,).
     """
     here, there, on = room.here, room.there, room.on
-    _fill_gaps(x1, x2, p, balls, nodes, n, np.int64(0), here)
-    _fill_gaps(y1, y2, p, balls, nodes, n, np.int64(2), there)
+    fill_gaps(x1, x2, p, balls, nodes, n, np.int64(0), here)
+    fill_gaps(y1, y2, p, balls, nodes, n, np.int64(2), there)
     for j in range(on.shape[0]):
         on[j] = here[0, j] > 0.0
         hold(j, balls, room)
@@ -223,17 +222,17 @@ def retake(
     if target < 0 and not changed and not since < reach and not beyond < reach:
         return y1, y2, False, 0, 0
     total[:] = 0.0
-    instants, corrections = 0, 0
+    instants, corrections, done = 0, 0, 0
     grazing += 0 if sure else 1
     place, stop, low, high = 0.0, at, 0.0, 1.0
     target = target if sure else -1
-    for part in range(_PARTS + 1):
-        last = part == _PARTS
+    for part in range(MOST_PARTS + 1):
+        last = part == MOST_PARTS
         if last:
             stop, target = 1.0, -1
         until = beyond if stop == 1.0 else 0.0 if target >= 0 and on[target] else math.inf
         y1, y2 = advance(x1, x2, (place, stop), since, until, h, reach, p, nodes, n, room)
-        _fill_gaps(y1, y2, p, balls, room.within, np.int64(0), np.int64(2), there)
+        fill_gaps(y1, y2, p, balls, room.within, np.int64(0), np.int64(2), there)
         at, element, sure = _first_event(room, (stop - place) * h, target, grazing < _LOOKS)
         if element >= 0 and (1.0 - at) * (stop - place) > _TOGETHER and not last:
             grazing += 0 if sure else 1
@@ -255,8 +254,11 @@ def retake(
                 continue
         for k in range(SUMS):
             total[k] += room.sums[k]
+        mark = room.marks[done]
+        mark[0], mark[1], mark[2], mark[3], mark[4] = place, stop, since, until, target
+        done += 1
         x1, x2 = y1, y2
-        instants += _change(target, h, balls, room)
+        instants += change(target, h, balls, room)
         if stop == 1.0:
             break
         since = _nearest(here, 1.0, reach)

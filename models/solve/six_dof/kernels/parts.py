@@ -41,6 +41,8 @@ CELLS_OF_BALLS = 4
 CELLS_OF_ROLLERS = 4
 # Sums over a step: of both accelerations, both squares, and both times the time from its middle.
 SUMS = 6
+# Parts that a step may take.
+MOST_PARTS = 96
 
 
 class Room(NamedTuple):
@@ -52,6 +54,8 @@ class Room(NamedTuple):
         balls: the balls, without a direction where they are not in contact.
         within: what is known of a part at its nodes, one row.
         sums: integrals over a part, (SUMS,).
+        marks: of each part that a step was taken in: begin and end, from 0 to 1, the times since the instant before and
+            up to the one after it, s, and the element that changes at its end or -1, (MOST_PARTS + 1, 5).
     """
 
     on: NDArray[np.bool_]
@@ -60,6 +64,7 @@ class Room(NamedTuple):
     balls: Balls
     within: StepNodes
     sums: NDArray[np.float64]
+    marks: NDArray[np.float64]
 
 
 @inlined
@@ -78,7 +83,7 @@ def make_room(balls: Balls, nodes: StepNodes) -> Room:
     depth, rate = np.zeros((1, 3, moved)), np.zeros((1, 3, moved))
     within = StepNodes(np.zeros((1, 3, 2)), depth, rate, _drive_of_a_part(nodes.drive))
     on, here, there = np.zeros(count, dtype=np.bool_), np.zeros((2, count)), np.zeros((2, count))
-    return Room(on, here, there, held, within, np.zeros(SUMS))
+    return Room(on, here, there, held, within, np.zeros(SUMS), np.zeros((MOST_PARTS + 1, 5)))
 
 
 @inlined
@@ -120,9 +125,7 @@ def _shaft_within(
 
 
 @inlined
-def _fill_node(
-    place: float, node: Index, h: float, omega: float, nodes: StepNodes, n: Index, within: StepNodes
-) -> None:
+def fill_node(place: float, node: Index, h: float, omega: float, nodes: StepNodes, n: Index, within: StepNodes) -> None:
     """Write what is known beforehand at a place, from 0 to 1, within step ``n``."""
     pace = _shaft_within(place, node, nodes.drive, n, within.drive)
     angle = omega * pace * h * place
@@ -144,18 +147,35 @@ def hold(j: Index, balls: Balls, room: Room) -> None:
 
 
 @inlined
-def _root(x: float, grade: Index) -> float:
+def root_of(x: float, grade: Index) -> float:
+    """Return the root of x whose power is ``grade``, 1 to 3."""
     return x if grade == 1 else math.sqrt(x) if grade == 2 else x ** (1.0 / 3.0)
 
 
 @inlined
-def _power(x: float, grade: Index) -> tuple[float, float]:
+def power_of(x: float, grade: Index) -> tuple[float, float]:
     """Return x to the power of ``grade``, 1 to 3, and its slope."""
     if grade == 1:
         return x, 1.0
     if grade == 2:
         return x * x, 2.0 * x
     return x * x * x, 3.0 * x * x
+
+
+@inlined
+def stretch(
+    graded: bool, offset: float, span: float, reach: float, h: float, rollers: bool
+) -> tuple[int, int, float, float]:
+    """Return grade and number of the cells of a stretch of ``span`` s, and its variable at both ends.
+
+    ``offset``: time from the instant to its nearer end, s; for the rest see ``advance``.
+    """
+    grade = 1 if not graded else 3 if rollers else 2
+    cells = 2 if graded else 1
+    if graded and offset < span:
+        # So many that their error falls with the fourth power of the step.
+        cells = math.ceil(CELLS_OF_ROLLERS * reach / h if rollers else CELLS_OF_BALLS * math.sqrt(reach / h))
+    return grade, cells, root_of(offset, grade), root_of(offset + span, grade)
 
 
 @inlined
@@ -168,7 +188,7 @@ def _add(sums: NDArray[np.float64], weight: float, time: float, a: tuple[float, 
 
 
 @inlined
-def _in_the_middle(
+def in_the_middle(
     x: Axis,
     p: NDArray[np.float64],
     weight: tuple[float, float, float],
@@ -217,37 +237,36 @@ def advance(
     halves = 2 if since < reach and until < reach else 1
     graded = since < reach or until < reach
     rollers = room.balls.power != 0.5
-    grade = 1 if not graded else 3 if rollers else 2
     span = (ends[1] - ends[0]) * h / halves
     for half in range(halves):
         # Towards an instant the variable falls.
         falls = graded and not (since < reach and half == 0)
         offset = (until if falls else since) if graded else 0.0
         begin = ends[0] * h + half * span
-        least, most = _root(offset, grade), _root(offset + span, grade)
-        cells = 2 if graded else 1
-        if graded and offset < span:
-            # So many that their error falls with the fourth power of the step.
-            cells = math.ceil(CELLS_OF_ROLLERS * reach / h if rollers else CELLS_OF_BALLS * math.sqrt(reach / h))
+        grade, cells, least, most = stretch(graded, offset, span, reach, h, rollers)
         width = (most - least) / cells
         for cell in range(cells):
             start = most - cell * width if falls else least + cell * width
             end = start - width if falls else start + width
-            (t0, w0), (tm, wm), (t1, w1) = _power(start, grade), _power(0.5 * (start + end), grade), _power(end, grade)
+            (t0, w0), (tm, wm), (t1, w1) = (
+                power_of(start, grade),
+                power_of(0.5 * (start + end), grade),
+                power_of(end, grade),
+            )
             if falls:
                 t0, tm, t1 = begin + span + offset - t0, begin + span + offset - tm, begin + span + offset - t1
             else:
                 t0, tm, t1 = begin + t0 - offset, begin + tm - offset, begin + t1 - offset
-            _fill_node(t0 / h, np.int64(0), h, p[P_OMEGA], nodes, n, within)
-            _fill_node(tm / h, np.int64(1), h, p[P_OMEGA], nodes, n, within)
-            _fill_node(t1 / h, np.int64(2), h, p[P_OMEGA], nodes, n, within)
+            fill_node(t0 / h, np.int64(0), h, p[P_OMEGA], nodes, n, within)
+            fill_node(tm / h, np.int64(1), h, p[P_OMEGA], nodes, n, within)
+            fill_node(t1 / h, np.int64(2), h, p[P_OMEGA], nodes, n, within)
             e, f = propagators(p, 2.0 * (tm - t0)), propagators(p, 2.0 * (t1 - tm))
             weight = (width * w0, width * wm, width * w1)
             y1, y2, (a1, a2), (b1, b2), (c1, c2), (u1, u2, g1, g2), _, _ = stages(
                 x1, x2, weight, e, f, p, forces, (room.balls, within), np.int64(0), 0.0
             )
-            z1 = _in_the_middle(x1, p, weight, e, tm - t1, a1, b1 + c1, g1)
-            z2 = _in_the_middle(x2, p, weight, e, tm - t1, a2, b2 + c2, g2)
+            z1 = in_the_middle(x1, p, weight, e, tm - t1, a1, b1 + c1, g1)
+            z2 = in_the_middle(x2, p, weight, e, tm - t1, a2, b2 + c2, g2)
             f1, f2, _, _ = contact(z1, z2, p, room.balls, within, np.int64(0), np.int64(1), 0.0)
             _add(sums, weight[0] / 6.0, t0 - 0.5 * h, accelerations(x1, x2, a1, a2, p))
             _add(sums, weight[1] / 1.5, tm - 0.5 * h, accelerations(z1, z2, f1, f2, p))

@@ -47,7 +47,7 @@ def arc_distance(start: float, length: float, angle: float) -> float:
 
 
 @kernel
-def _split_positions(
+def split_positions(
     path: NDArray[np.float64], point: OperatingPoint, damaged_rows: tuple[int, int]
 ) -> tuple[NDArray[np.float64], int, Balls]:
     """Return the start of the moved balls, rad, how many of them, the first, the defect can touch, and all balls.
@@ -147,7 +147,7 @@ def fill_values(
 
 
 @kernel
-def _add_waves(
+def add_waves(
     waves: NDArray[np.float64],
     starts: NDArray[np.float64],
     bounds: NDArray[np.float64],
@@ -186,7 +186,7 @@ def set_up(
         steps, least, fold: ``fold`` times at least ``steps`` a period and ``least`` a segment.
     """
     omega, pitch = point.parameter[P_OMEGA], point.parameter[P_PITCH]
-    starts, touched, balls = _split_positions(path, point, damaged_rows)
+    starts, touched, balls = split_positions(path, point, damaged_rows)
     bounds = segment_bounds(
         path, profile, point.offsets[damaged_rows[0] : damaged_rows[1] if touched > 0 else damaged_rows[0]], pitch
     )
@@ -196,6 +196,6 @@ def set_up(
     nodes = StepNodes(fill_turn(bounds, first), np.zeros(shape), np.zeros(shape), None)
     fill_path(path, profile, starts[:touched], bounds, first, omega, nodes.depth, nodes.rate)
     if point.waves.shape[0] > 0:
-        _add_waves(point.waves, starts, bounds, first, omega, nodes)
+        add_waves(point.waves, starts, bounds, first, omega, nodes)
     time, weight = fill_values(bounds, first, omega)
     return Period(point.parameter, balls, nodes, first, flow, time, weight)

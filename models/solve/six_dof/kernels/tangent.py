@@ -124,7 +124,7 @@ def _noted_forces(
 
 
 @inlined
-def _linear_forces(
+def linear_forces(
     x1: Axis, x2: Axis, p: NDArray[np.float64], context: NDArray[np.float64], n: Index, stage: Index, h: float
 ) -> tuple[float, float, float, float, float, float]:
     """Return the change of the forces by a change of the state."""
@@ -158,7 +158,7 @@ def tangent_jacobian(state: NDArray[np.float64], period: Period) -> tuple[NDArra
             for k in range(12):
                 t1 = (t[0, k], t[1, k], t[2, k], t[3, k], t[4, k], t[5, k])
                 t2 = (t[6, k], t[7, k], t[8, k], t[9, k], t[10, k], t[11, k])
-                t1, t2, _, _, _, _ = step(t1, t2, h, e, p, _linear_forces, slopes, n, 0.0)
+                t1, t2, _, _, _, _ = step(t1, t2, h, e, p, linear_forces, slopes, n, 0.0)
                 moved[0, k], moved[1, k], moved[2, k] = t1[0], t1[1], t1[2]
                 moved[3, k], moved[4, k], moved[5, k] = t1[3], t1[4], t1[5]
                 moved[6, k], moved[7, k], moved[8, k] = t2[0], t2[1], t2[2]
