@@ -18,16 +18,16 @@ from models.solve.six_dof.kernels.settled import R_LINES, R_STEPS, ask_again, so
 from models.solve.six_dof.kernels.step import STATUS_OK
 from models.solve.six_dof.kernels.tangent import tangent_jacobian
 from models.solve.six_dof.periodic import effort_for, steering
-from models.solve.six_dof.setup import LEAST_IN_SEGMENT, damaged_rows, defect_arrays, operating_point, steps_for
+from models.solve.six_dof.setup import LEAST_IN_SEGMENT, defect_arrays, operating_point, steps_for
 from models.words.request import Request
 
 
 def period_of(scene: Scene, steps: int | None = None, *, fold: int = 1) -> Period:
     """Return a scene's ball period on the coarsest grid, or one with at least ``steps``, each cut into ``fold``."""
-    path, profile = defect_arrays(scene.bearing, scene.defect)
+    paths, profile = defect_arrays(scene.bearing, scene.defects)
     point = operating_point(scene.healthy)
     least = steps_for(scene) if steps is None else steps
-    return set_up(path, profile, point, damaged_rows(scene.defect), least, LEAST_IN_SEGMENT, fold)
+    return set_up(paths, profile, point, least, LEAST_IN_SEGMENT, fold)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,10 +48,10 @@ def solve_scene(scene: Scene, accuracy: float, tolerance: float | None = None, s
     """Search a scene's motion that repeats as ``simulate`` does first, and show on which grid it ended."""
     request = Request(accuracy=accuracy, tolerance=tolerance, steps_per_period=steps)
     healthy, effort = scene.healthy, effort_for(scene, request)
-    path, profile = defect_arrays(scene.bearing, scene.defect)
+    paths, profile = defect_arrays(scene.bearing, scene.defects)
     steer, found = steering(healthy), np.empty(R_LINES + 2 * effort.harmonics)
     period, state, _ = solve(
-        *(path, profile, damaged_rows(scene.defect), operating_point(healthy), np.zeros((2, 6))),
+        *(paths, profile, operating_point(healthy), np.zeros((2, 6))),
         *(np.eye(12) if steer is None else steer, effort, found),
     )
     return Solved(period, state, found)
@@ -59,12 +59,12 @@ def solve_scene(scene: Scene, accuracy: float, tolerance: float | None = None, s
 
 def ask(scene: Scene, solved: Solved, accuracy: float) -> Callable[[], int]:
     """Return what takes a second opinion of a solved scene, and returns the periods that it takes."""
-    path, profile = defect_arrays(scene.bearing, scene.defect)
+    paths, profile = defect_arrays(scene.bearing, scene.defects)
     steer = newton_steering(tangent_jacobian(solved.state, solved.period)[0])
     effort = effort_for(scene, Request(accuracy=accuracy))
-    fold, values = round(solved.steps / len(period_of(scene).nodes.turn)), np.zeros(Q_LINES + effort.harmonics)
+    fold, values = round(solved.steps / len(period_of(scene).nodes.turn)), np.zeros(Q_LINES + 3 * effort.harmonics)
     return lambda: ask_again(
-        *(path, profile, damaged_rows(scene.defect), operating_point(scene.healthy), solved.state, steer, effort),
+        *(paths, profile, operating_point(scene.healthy), solved.state, steer, effort),
         *(fold, 1, effort.tolerance, math.inf, values),
     )
 

@@ -14,11 +14,11 @@ from models.solve.six_dof.time_domain import simulate_time
 from models.words.request import Sensor
 from reference.signals import record_of
 
-KINDS = ("unbalance", "slip", "inner_waviness", "inner_defect", "ball_defect", "several_defects", "mean_force_slip")
+KINDS = ("unbalance", "slip", "inner_waviness", "inner_defect", "ball_defect", "mean_force_slip")
 SHARES = (1e-12, 1.0)
 _BALLS = ("1205 ETN9", "6205", "6305", "6208")
 _ROLLERS = "NU 202 ECP"
-_PARTS: dict[str, Part] = {"inner_defect": "inner", "ball_defect": "ball", "several_defects": "outer"}
+_PARTS: dict[str, Part] = {"inner_defect": "inner", "ball_defect": "ball"}
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -78,7 +78,7 @@ def with_effect(scene: Scene, kind: str, share: float, *, wide: bool = False) ->
 def weak_scene(seed: int, kind: str) -> Scene:
     """Return the scene of a seed with an effect of KINDS, of any share of its size."""
     rng = np.random.default_rng([41, seed])
-    damaged = kind in ("slip", "mean_force_slip", "several_defects")
+    damaged = kind in ("slip", "mean_force_slip")
     plain = plain_scene(seed, damaged=damaged, balls=kind == "mean_force_slip")
     return with_effect(plain, kind, log_uniform(rng, *SHARES), wide=bool(rng.random() < 0.5))
 

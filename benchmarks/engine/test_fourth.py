@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.engine.fourth import Answered, beside, is_open, load, reference, save, tables
 from reference.periodic.fourth import SETS, fourth_scene
+from reference.periodic.judge import answer, compared
 
 KEPT = load()
 
@@ -40,6 +41,17 @@ def test_a_scene_at_the_limit_is_open_for_a_longer_one(tmp_path: Path) -> None:
     kept = load(tmp_path / "kept.json")
     placed = [(entry["set"], entry["number"]) for entry in kept]
     assert placed == [("development", 1), ("development", 3), ("held_out", 0)]
+
+
+# Scenes that had a wrong peak (26, 47, 50, 55), and one with a stable motion that repeats beside that from rest (22).
+@pytest.mark.parametrize("number", [22, 26, 47, 50, 55])
+def test_a_development_scene_that_was_wrong(number: int) -> None:
+    truth = next(one for one in KEPT if (one["set"], one["number"]) == ("development", number))
+    got = answer(fourth_scene(SETS["development"][0], number), 1e-3)
+    assert got["status"] == ("converged" if truth["repeats"] else "not_periodic")
+    found = compared(truth, got)
+    assert len(found) == (8 if truth["repeats"] else 1)
+    assert [each.quantity for each in found if each.wrong] == []
 
 
 TRUTH: dict[str, Any] = {"key": "k", "status": "settled", "repeats": True, "rms": 2.0, "peak": 6.0, "lines": [1.0] * 6}

@@ -26,7 +26,6 @@ from models.solve.six_dof.periodic import effort_for
 from models.solve.six_dof.setup import (
     LEAST_IN_SEGMENT,
     check_scene,
-    damaged_rows,
     defect_arrays,
     operating_point,
     steps_for,
@@ -108,9 +107,8 @@ class PeriodFamily:
             scene = self.at(self.value(share))
         except ValueError as error:
             raise MotionLostError from error
-        path, profile = defect_arrays(scene.bearing, scene.defect)
-        rows, point = damaged_rows(scene.defect), operating_point(scene.healthy)
-        return set_up(path, profile, point, rows, self.steps, LEAST_IN_SEGMENT, self.fold)
+        paths, profile = defect_arrays(scene.bearing, scene.defects)
+        return set_up(paths, profile, operating_point(scene.healthy), self.steps, LEAST_IN_SEGMENT, self.fold)
 
     def correct(self, z: Floats, row: Floats, near: BranchPoint | None = None) -> BranchPoint:
         """Return the point of the branch on the plane through ``z``, as of ``BranchPoint``, across ``row``, (13,).

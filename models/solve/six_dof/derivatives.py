@@ -36,7 +36,6 @@ from models.solve.six_dof.setup import (
     DERIVATIVES,
     OF_DEFECT,
     OF_RIG,
-    damaged_rows,
     defect_arrays,
     operating_point,
     rig_parameters,
@@ -142,8 +141,8 @@ class _Grids:
 
     def __init__(self, scene: Scene, request: Request, point: OperatingPoint, names: Sequence[str]) -> None:
         self._scene, self._request, self._point, self._names = scene, request, point, names
-        self._arrays, self._rows = defect_arrays(scene.bearing, scene.defect), damaged_rows(scene.defect)
-        self._starts, self._touched, _ = split_positions(self._arrays[0], point, self._rows)
+        self._arrays = defect_arrays(scene.bearing, scene.defects)
+        self._starts, self._rows, self._touched, _ = split_positions(self._arrays[0], point)
         self._bounds = self._bounds_of(*self._arrays)
         changes = [_change_of(scene, request, point, name) for name in names]
         self._reasons = {k: one for k, one in enumerate(changes) if isinstance(one, str)}
@@ -153,7 +152,7 @@ class _Grids:
 
     def period(self, steps: float, least: float) -> Period:
         """Return a grid of about so many steps, and so many in each segment at least."""
-        return set_up(*self._arrays, self._point, self._rows, math.ceil(steps) | 1, math.ceil(least) | 1, 1)
+        return set_up(*self._arrays, self._point, math.ceil(steps) | 1, math.ceil(least) | 1, 1)
 
     def solve(self, period: Period, state: Values) -> _Found | None:
         """Return the derivatives on a grid, from a state near its orbit; None where the orbit is lost."""
@@ -209,9 +208,9 @@ class _Grids:
         good = error <= self._request.accuracy * max(abs(rms), now.rms / size)
         return Derivative(rms, harmonics, error, errors, "checked" if good else "inaccurate", "")
 
-    def _bounds_of(self, path: Values, profile: Values) -> Values:
-        rows = self._rows if self._touched > 0 else (0, 0)
-        return segment_bounds(path, profile, self._point.offsets[rows[0] : rows[1]], self._point.parameter[at.P_PITCH])
+    def _bounds_of(self, paths: Values, profile: Values) -> Values:
+        paths = paths if self._touched > 0 else paths[:0]
+        return segment_bounds(paths, profile, self._point.offsets, self._point.parameter[at.P_PITCH])
 
     def _tables(
         self, period: Period, arrays: tuple[Values, Values], bounds: Values, starts: Values
@@ -219,7 +218,9 @@ class _Grids:
         """Return depth and rate at the nodes, (steps, 3, D) each."""
         omega, shape = self._point.parameter[at.P_OMEGA], period.nodes.depth.shape
         nodes = StepNodes(period.nodes.turn, np.zeros(shape), np.zeros(shape), None)
-        fill_path(*arrays, self._starts[: self._touched], bounds, period.first, omega, nodes.depth, nodes.rate)
+        touched = self._starts[: self._touched]
+        for path in arrays[0]:
+            fill_path(path, arrays[1], touched, self._rows, bounds, period.first, omega, nodes.depth, nodes.rate)
         if len(self._point.waves):
             add_waves(self._point.waves, starts, bounds, period.first, omega, nodes)
         return nodes.depth, nodes.rate
@@ -269,6 +270,8 @@ class _Grids:
         if not math.isfinite(value):
             return None
         if name == "position":
+            if scene.more_defects:
+                return "one of several defects moves against the others, so that the segments between them change"
             # The balls are turned instead of the defect, so that no segment moves.
             if self._arrays[1].shape[1] > 0:
                 return (
@@ -282,7 +285,8 @@ class _Grids:
         ends: list[Values] = []
         sides: list[tuple[Values, Values]] = []
         for side in (-size, size):
-            arrays = defect_arrays(scene.bearing, replace(scene.defect, **{name: value + side}))
+            changed = replace(scene.defect, **{name: value + side})
+            arrays = defect_arrays(scene.bearing, (changed, *scene.more_defects))
             ends.append(self._bounds_of(*arrays))
             if len(ends[-1]) != len(self._bounds):
                 return (

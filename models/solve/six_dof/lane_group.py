@@ -19,7 +19,7 @@ from models.solve.six_dof.kernels import lanes as kernels
 from models.solve.six_dof.kernels.lane_instants import LANES, LaneTables, Splitting
 from models.solve.six_dof.kernels.lane_means import mean_squares, weigh
 from models.solve.six_dof.kernels.parts import SUMS
-from models.solve.six_dof.kernels.path import D_HALF, D_SPACING, DEFECT, path_kinks
+from models.solve.six_dof.kernels.path import D_HALF, D_ROW, D_ROWS_END, DEFECT, path_kinks
 from models.solve.six_dof.kernels.period import REACH
 from models.solve.six_dof.kernels.step import NEAR_SLOPE
 from models.solve.six_dof.setup import LANE_STEP, MIN_LANE_STEPS, defect_arrays, rig_parameters
@@ -245,13 +245,13 @@ class Group:
         path, kinks = np.zeros((LANES, DEFECT)), np.full((LANES, _KINKS), np.nan)
         profiles = _stacked(self._profiles)[1]
         for i, scene in enumerate(scenes):
-            path[i], profile = defect_arrays(scene.bearing, scene.defect)
+            array, profile = defect_arrays(scene.bearing, scene.defects)
+            path[i] = array[0] if len(array) else 0.0
+            # Lanes name the balls that a defect can touch: they count as those of the first row.
+            path[i, D_ROW], path[i, D_ROWS_END] = 0.0, 1.0
             if reach > 0.0 and path[i, D_HALF] > 0.0:
                 found = path_kinks(path[i], profile)[:_KINKS]
                 kinks[i, : len(found)] = found
-            if profile.shape[1] == 0 and self._profiles:
-                # A smooth floor among rough ones has a profile without roughness.
-                path[i, D_SPACING] = self._profiles[0].spacing
         # By the distance from the load of the arc that a ball passes while the angles hold.
         limit, begin = 0.5 * math.pi + math.atan(NEAR_SLOPE), grid.ring[self._plain_at] - self._slip_angle
         length = grid.pitch + grid.step_angle + 2.0 * self._slip_angle

@@ -20,7 +20,7 @@ import numpy as np
 
 from models.solve.six_dof.kernels.orbit import SILENCE
 from models.solve.six_dof.kernels.period import ball_period, blank_trace, mean_square
-from models.solve.six_dof.kernels.settled import fourier_coefficients
+from models.solve.six_dof.kernels.settled import fourier_coefficients, largest
 from models.solve.six_dof.kernels.step import STATUS_OK
 
 if TYPE_CHECKING:
@@ -60,6 +60,11 @@ class PeriodicMotion:
     coefficients: NDArray[np.complex128]
     levels: NDArray[np.float64]
     peaks: NDArray[np.float64]
+
+    @property
+    def rms(self) -> float:
+        """RMS of the casing over the periods that were kept, m/s2."""
+        return math.sqrt(float(self.power[0]))
 
     @property
     def peak_spread(self) -> float:
@@ -140,7 +145,7 @@ def simulate_on(
             last = fourier_coefficients(trace, period, count)
             power += squares
             spectrum += np.abs(last) ** 2
-            highest = np.abs(trace.wave).max(axis=0)
+            highest = np.array([largest(trace, period.first, np.int64(k)) for k in (0, 1)])
             peak = np.maximum(peak, highest)
             levels.append(rms)
             peaks.append(float(highest[0]))

@@ -22,6 +22,7 @@ from models.solve.six_dof.derivatives import check_derivatives, of_orbit, withhe
 from models.solve.six_dof.kernels import settled as kernels
 from models.solve.six_dof.kernels.errors import Q_LINES, Q_RMS, Q_WAVE
 from models.solve.six_dof.kernels.orbit import STATE_SCALE
+from models.solve.six_dof.kernels.period_setup import set_up
 from models.solve.six_dof.kernels.settled import Effort, fourier_coefficients, largest
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
 from models.solve.six_dof.orbit import PeriodicMotion, simulate_on
@@ -33,7 +34,6 @@ from models.solve.six_dof.setup import (
     PERIODIC_EFFECTS,
     check_resonance,
     check_scene,
-    damaged_rows,
     defect_arrays,
     operating_point,
     periodic_cost,
@@ -105,10 +105,10 @@ def _solve(scene: Scene, request: Request) -> Response:
     effort = effort_for(scene, request)
     search = _Search(scene, effort, request.direction)
     orbit = search.settle(np.zeros((2, 6)))
-    if orbit.stable and not orbit.parted:
+    if orbit.stable and not orbit.doubted:
         return _repeating(scene, orbit, request)
-    # A motion near an unstable orbit does not stay there, and beside a stable one in which the rings part there may be
-    # others: it is simulated on from rest.
+    # A motion near an unstable orbit does not stay there, and beside a stable one there may be others: it is simulated
+    # on from rest.
     begin, earlier = np.zeros((2, 6)) if orbit.settled else orbit.state, orbit.periods
     tolerance, count, periods = effort.tolerance, _line_count(scene, orbit.period, request), request.max_periods
     if orbit.stable:
@@ -126,7 +126,12 @@ def _solve(scene: Scene, request: Request) -> Response:
         motion, rounds = simulate_on(orbit.period, motion.state, periods, tolerance, count), rounds + 1
     if orbit.stable and motion.near(math.sqrt(orbit.found[kernels.R_POWER]), _NEAR):
         return _repeating(scene, orbit, request, earlier)
-    return _not_repeating(scene, motion, orbit, request, earlier)
+    steps_error = float(orbit.found[kernels.R_ERROR]) if orbit.settled else math.nan
+    if not math.isfinite(steps_error) and motion.stationary and _SURE * motion.standard_error <= request.accuracy:
+        # Where halving the steps did not tell what they leave, a motion with half of them does.
+        rms, motion = motion.rms, simulate_on(search.finer(orbit.period), motion.state, periods, 0.0, count)
+        earlier, steps_error = earlier + motion.periods, abs(rms - motion.rms) / max(motion.rms, _SMALL)
+    return _not_repeating(scene, motion, orbit, request, earlier, 0.0 if math.isnan(steps_error) else steps_error)
 
 
 def search(
@@ -222,9 +227,9 @@ class Orbit:
         return float(self.found[kernels.R_RADIUS])
 
     @property
-    def parted(self) -> bool:
-        """Whether the rings part for a moment, so that no ball is in contact."""
-        return self.found[kernels.R_PARTED] > 0.0
+    def doubted(self) -> bool:
+        """Whether there may be other motions beside it: the rings part for a moment, or the motion from rest strays."""
+        return self.found[kernels.R_DOUBTED] > 0.0
 
     @property
     def periods(self) -> int:
@@ -243,8 +248,8 @@ class _Search:
         ``steer``: by default that of the healthy bearing.
         """
         healthy = scene.healthy
-        self._path, self._profile = defect_arrays(scene.bearing, scene.defect)
-        self._rows, self._point = damaged_rows(scene.defect), operating_point(healthy)
+        self._paths, self._profile = defect_arrays(scene.bearing, scene.defects)
+        self._point = operating_point(healthy)
         if direction != 0.0:
             parameter = self._point.parameter.copy()
             parameter[P_DIRECTION_1], parameter[P_DIRECTION_2] = math.cos(direction), math.sin(direction)
@@ -256,10 +261,12 @@ class _Search:
     def settle(self, begin: NDArray[np.float64]) -> Orbit:
         """Search from a state, (2, 6)."""
         found = np.empty(kernels.R_LINES + 2 * self._effort.harmonics)
-        solved = kernels.solve(
-            self._path, self._profile, self._rows, self._point, begin, self._steering, self._effort, found
-        )
+        solved = kernels.solve(self._paths, self._profile, self._point, begin, self._steering, self._effort, found)
         return Orbit(*solved, found)
+
+    def finer(self, period: Period) -> Period:
+        """Return a period with half the steps."""
+        return set_up(self._paths, self._profile, self._point, 2 * len(period.nodes.turn), self._effort.least, 1)
 
 
 def _line_count(scene: Scene, period: Period, request: Request) -> int:
@@ -276,7 +283,7 @@ def _repeating(scene: Scene, orbit: Orbit, request: Request, earlier: int = 0) -
     """Return the response of a motion that repeats."""
     period, found, names = orbit.period, orbit.found, request.derivatives
     coefficients = fourier_coefficients(orbit.trace, period, _line_count(scene, period, request))
-    peak = np.array([largest(orbit.trace.wave, period.first, sensor) for sensor in (0, 1)])
+    peak = np.array([largest(orbit.trace, period.first, np.int64(sensor)) for sensor in (0, 1)])
     return _response(
         *(scene, request, coefficients, found[kernels.R_POWER : kernels.R_POWER + 2], peak),
         periods=earlier + orbit.periods,
@@ -294,16 +301,18 @@ def _repeating(scene: Scene, orbit: Orbit, request: Request, earlier: int = 0) -
     )
 
 
-def _not_repeating(scene: Scene, motion: PeriodicMotion, orbit: Orbit, request: Request, periods: int) -> Response:
-    """Return the response of a motion that does not repeat."""
+def _not_repeating(
+    scene: Scene, motion: PeriodicMotion, orbit: Orbit, request: Request, periods: int, steps_error: float
+) -> Response:
+    """Return the response of a motion that does not repeat; ``steps_error`` is its relative error by the steps."""
     return _response(
         *(scene, request, motion.coefficients, motion.power, motion.peak),
         periods=periods,
         change=motion.change,
         spread=motion.spread,
-        error=_SURE * motion.standard_error,
+        error=_SURE * motion.standard_error + steps_error,
         standard_error=motion.standard_error,
-        peak_error=motion.peak_spread,
+        peak_error=motion.peak_spread + steps_error,
         waveform_error=math.nan,
         multiplier=orbit.multiplier,
         harmonics_error=np.full(HARMONICS, math.nan),
@@ -370,14 +379,14 @@ def steering(scene: Scene) -> NDArray[np.float64] | None:
     It is the inverse of identity minus the scaled Jacobian of the healthy period map, shape (12, 12); None if that is
     ill-conditioned or not finite.
     """
-    path, profile = defect_arrays(scene.bearing, None)
+    paths, profile = defect_arrays(scene.bearing, ())
     point = operating_point(scene)
     approach = float(point.parameter[P_U_1]) - scene.clearance
     if approach <= 0.0:
         return None
     size = min(1e-2, 1e-2 * approach / STATE_SCALE[0])
     steps = max(_JACOBIAN_STEPS, steps_for(scene))
-    matrix, inverse = kernels.healthy_steering(path, profile, point, steps, size)
+    matrix, inverse = kernels.healthy_steering(paths, profile, point, steps, size)
     if not np.all(np.isfinite(matrix)):
         return None
     if not np.linalg.norm(matrix) * np.linalg.norm(inverse) < _WORST_CONDITION:

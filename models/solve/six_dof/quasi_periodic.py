@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     Lines = NDArray[np.complex128]
 
 # Effects of a scene that are solved for here.
-ADDABLE = frozenset({"unbalance", "inner_waviness", "several_defects"})
+ADDABLE = frozenset({"unbalance", "inner_waviness"})
 # Orders solved for over the highest one that is driven, and angles of the shaft at most.
 _ORDERS, _MOST_ANGLES = 2, 65
 # The orbit only begins the search: its accuracy, and what its lines on the grid may be off from those of the response.
@@ -121,9 +121,6 @@ def _with(scene: Scene, plain: Scene, names: Collection[str]) -> Scene:
         kept = replace(kept, unbalance=scene.unbalance)
     if "inner_waviness" in names:
         kept = replace(kept, waviness=scene.waviness)
-    if "several_defects" in names:
-        others = (d for d in scene.defects if d.part == "outer" and d.moves_balls and d is not plain.defect)
-        kept = replace(kept, more_defects=tuple(others))
     return kept
 
 
@@ -237,7 +234,7 @@ class _Search:
         """Return what searches a scene, in a lowest order and a number of angles; None without an orbit to begin at."""
         accuracy = max(request.accuracy, _ORBIT_ACCURACY)
         orbit = search(plain, replace(request, accuracy=accuracy, band=None, lines_to=None, quantity="rms"))
-        if orbit.parted or not orbit.stable:
+        if orbit.doubted or not orbit.stable:
             return None
         period = 1.0 / kinematics(scene.bearing, scene.speed).bpfo
         plans = prepare_plan(scene, period), prepare_plan(plain, period)

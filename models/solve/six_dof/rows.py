@@ -15,7 +15,7 @@ from models.solve.six_dof.kernels.lanes import LANES
 from models.solve.six_dof.kernels.path import D_HALF
 from models.solve.six_dof.lanes import LaneOptions, LaneRunner
 from models.solve.six_dof.periodic import effort_for, steering
-from models.solve.six_dof.setup import check_scene, damaged_rows, defect_arrays, operating_point
+from models.solve.six_dof.setup import check_scene, defect_arrays, operating_point
 from models.words.request import Request
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ class Row:
         rms: RMS in the band, m/s2, shape (extents,).
         rms_error: its relative error due to the steps and what is left to settle, estimated, shape (extents,).
         change: relative change of the full-bandwidth RMS by the last period, or expected by the next, shape (extents,).
-        settled: where a stable motion was found that repeats, and in which the rings never part; elsewhere it has to be
+        settled: where a stable motion was found that repeats, and no other is feared beside it; elsewhere it has to be
             simulated on (models.solve.simulate), and the other fields mean nothing.
         multiplier: largest absolute Floquet multiplier, shape (extents,).
         harmonics: single-sided amplitudes of the first six lines k * bpfo, m/s2, shape (extents, 6).
@@ -83,18 +83,17 @@ def simulate_row(
     check_scene(scene)
     request = Request(accuracy=accuracy, tolerance=tolerance, steps_per_period=steps_per_period, band=band)
     narrowest, widest = (replace(defect, dphi_d=float(x)) for x in (np.min(extents), np.max(extents)))
-    defect_arrays(scene.bearing, narrowest)
-    path, profile = defect_arrays(scene.bearing, widest)
-    paths = np.tile(path, (len(extents), 1))
-    paths[:, D_HALF] = 0.5 * extents
+    defect_arrays(scene.bearing, [narrowest])
+    path, profile = defect_arrays(scene.bearing, [widest])
     healthy = scene.healthy
     steer = steering(healthy)
     found = np.empty((len(extents), kernels.R_LINES + 2 * HARMONICS))
-    rows, point, steer = damaged_rows(widest), operating_point(healthy), np.eye(12) if steer is None else steer
+    point, steer = operating_point(healthy), np.eye(12) if steer is None else steer
     effort, rest = effort_for(scene, request), np.zeros((2, 6))
     # From rest each, so that the result of a defect does not depend on its neighbours.
-    for path, felt, place in zip(paths, extents > 0.0, found, strict=True):
-        kernels.solve(path, profile, rows if felt else (0, 0), point, rest, steer, effort, place)
+    for extent, place in zip(extents.tolist(), found, strict=True):
+        path[:, D_HALF] = 0.5 * extent
+        kernels.solve(path if extent > 0.0 else path[:0], profile, point, rest, steer, effort, place)
     return _as_row(found)
 
 
@@ -106,7 +105,7 @@ def _as_row(found: NDArray[np.float64]) -> Row:
         rms=found[:, kernels.R_RMS],
         rms_error=found[:, kernels.R_ERROR],
         change=found[:, kernels.R_CHANGE],
-        settled=(found[:, kernels.R_SETTLED] > 0.0) & (radius < 1.0) & (found[:, kernels.R_PARTED] == 0.0),
+        settled=(found[:, kernels.R_SETTLED] > 0.0) & (radius < 1.0) & (found[:, kernels.R_DOUBTED] == 0.0),
         multiplier=radius,
         periods=found[:, kernels.R_PERIODS].astype(np.int64),
         harmonics=lines[:, :HARMONICS],

@@ -27,15 +27,15 @@ from models.solve.six_dof.kernels import step as kernels
 from models.solve.six_dof.kernels.period_setup import OperatingPoint
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     from models.machine.bearing import Bearing, Kinematics
     from models.machine.scene import Defect, Scene
     from models.words.request import Request
 
-# Read-only as the profiles of rough floors are: another type of array would be another kernel.
 _NO_PROFILE = np.zeros((4, 0))
-_NO_PROFILE.flags.writeable = False
 
 # The name of the model, and what its three ways of solving have (models.machine.scene.EFFECTS).
 MODEL = "six_dof"
@@ -45,12 +45,11 @@ OF_SCENE = ("load", "speed", "clearance", "gravity", "gravity_angle", "direction
 OF_DEFECT = ("dphi_d", "h_d", "position")
 DERIVATIVES = (*OF_RIG, *OF_SCENE, *OF_DEFECT)
 _OUTER = frozenset({"outer_defect", "rough_floor", "clearance", "with_casing"})
-PERIODIC_EFFECTS = _OUTER | {"first_row", "roller", "waviness", "gravity"}
+PERIODIC_EFFECTS = _OUTER | {"several_defects", "first_row", "roller", "waviness", "gravity"}
 LANE_EFFECTS = _OUTER | {"slip", "mean_force_slip"}
 TIME_EFFECTS = PERIODIC_EFFECTS | {
     "inner_defect",
     "ball_defect",
-    "several_defects",
     "inner_waviness",
     "unbalance",
     "slip",
@@ -219,28 +218,31 @@ def contact_power(bearing: Bearing) -> float:
     return contact_exponent(bearing) - 1.0
 
 
-def damaged_rows(defect: Defect | None) -> tuple[int, int]:
-    """Return the first row with a defect that moves a ball, and the one after the last; equal where there is none."""
-    if defect is None or not defect.moves_balls:
-        return 0, 0
-    return defect.first_row, defect.first_row + defect.rows
-
-
-def defect_arrays(bearing: Bearing, defect: Defect | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the kernel's ``path`` and ``profile`` of a defect (models.solve.six_dof.kernels.path)."""
-    array, profile = np.zeros(kernel_path.DEFECT), _NO_PROFILE
-    path = ball_path(bearing, defect)
-    if path is None:
-        return array, profile
-    array[kernel_path.D_RACE], array[kernel_path.D_BALL] = path.r_o, path.r_b
-    array[kernel_path.D_COSINE], array[kernel_path.D_POSITION] = path.cos_alpha, path.position
-    array[kernel_path.D_HALF], array[kernel_path.D_DEPTH] = path.half_width, path.h_d
-    array[kernel_path.D_REACH] = path.reach
-    if path.profile is not None and path.roughness > 0.0:
-        profile = path.profile.coefficients
-        array[kernel_path.D_ROUGHNESS], array[kernel_path.D_SPACING] = path.roughness, path.profile.spacing
-        array[kernel_path.D_HIGHEST] = path.profile.highest
-    return array, profile
+def defect_arrays(bearing: Bearing, defects: Iterable[Defect]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the kernel's ``paths`` and ``profile`` of defects of the outer race that move a ball
+    (models.solve.six_dof.kernels.path).
+    """
+    arrays, profiles = [], [_NO_PROFILE]
+    for defect in defects:
+        path = ball_path(bearing, defect)
+        if path is None:
+            continue
+        array = np.zeros(kernel_path.DEFECT)
+        array[kernel_path.D_RACE], array[kernel_path.D_BALL] = path.r_o, path.r_b
+        array[kernel_path.D_COSINE], array[kernel_path.D_POSITION] = path.cos_alpha, path.position
+        array[kernel_path.D_HALF], array[kernel_path.D_DEPTH] = path.half_width, path.h_d
+        array[kernel_path.D_REACH] = path.reach
+        array[kernel_path.D_ROW], array[kernel_path.D_ROWS_END] = defect.first_row, defect.first_row + defect.rows
+        if path.profile is not None and path.roughness > 0.0:
+            array[kernel_path.D_ROUGHNESS], array[kernel_path.D_SPACING] = path.roughness, path.profile.spacing
+            array[kernel_path.D_HIGHEST] = path.profile.highest
+            pieces = path.profile.coefficients
+            array[kernel_path.D_PIECE] = sum(each.shape[1] for each in profiles)
+            array[kernel_path.D_PIECES] = pieces.shape[1]
+            profiles.append(pieces)
+        arrays.append(array)
+    profile = np.concatenate(profiles, axis=1) if len(profiles) > 1 else _NO_PROFILE
+    return np.array(arrays).reshape(-1, kernel_path.DEFECT), profile
 
 
 @lru_cache(maxsize=512)

@@ -213,7 +213,7 @@ def _row(family: PeriodFamily, place: BranchPoint) -> _Row:
         status = "inaccurate"
     elif not found.stable:
         status = "unstable"
-    elif found.parted:
+    elif place.parted:
         status = "parted"
     return _Row(place, response, status)
 

@@ -77,7 +77,7 @@ _BEYOND_EDGE = 0.5 * math.pi * 2.0 ** (-0.25 * np.arange(160.0)[::-1])
 
 
 def without(scene: Scene) -> Scene:
-    """Return a scene without the effects that are bounded here; of defects of the outer race the largest stays.
+    """Return a scene without the effects that are bounded here; defects of the outer race stay.
 
     Raises:
         ValueError: if the model does not describe the scene; the message names what.
@@ -86,8 +86,8 @@ def without(scene: Scene) -> Scene:
     outer = [defect for defect in scene.defects if defect.part == "outer" and defect.moves_balls]
     return replace(
         scene,
-        defect=max(outer, key=lambda defect: defect.dphi_d * defect.h_d, default=None),
-        more_defects=(),
+        defect=outer[0] if outer else None,
+        more_defects=tuple(outer[1:]),
         slip=None,
         unbalance=0.0,
         waviness=tuple(wave for wave in scene.waviness if wave.race == "outer"),
@@ -112,8 +112,8 @@ def bounds(scene: Scene, found: Response) -> dict[str, EffectBound]:
         if wave.race == "inner" and wave.amplitude != 0.0:
             waves["inner_waviness"] = waves.get("inner_waviness", 0.0) + _by_wave(scene, wave, motion)
     for defect in scene.defects:
-        if defect.moves_balls and defect is not kept.defect:
-            name = "several_defects" if defect.part == "outer" else f"{defect.part}_defect"
+        if defect.moves_balls and defect.part != "outer":
+            name = f"{defect.part}_defect"
             waves[name] = waves.get(name, 0.0) + _by_defect(scene, defect, motion)
     for name in ("slip", "mean_force_slip"):
         if name in scene.effects:

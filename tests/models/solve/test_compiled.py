@@ -64,13 +64,13 @@ class Interpreted:
 
 @given(defects)
 def test_kinks(defect: Defect) -> None:
-    array, profile = defect_arrays(BEARING, defect)
+    (array,), profile = defect_arrays(BEARING, [defect])
     assert np.sort(path_kinks(array, profile)) == pytest.approx(path_of(defect).kinks(), abs=1e-9)
 
 
 @given(defects, st.floats(-7.0, 7.0))
 def test_floor(defect: Defect, angle: float) -> None:
-    array, profile = defect_arrays(BEARING, defect)
+    (array,), profile = defect_arrays(BEARING, [defect])
     depth, slope = path_of(defect)._floor(np.array([angle]))
     assert floor_at(array, profile, angle) == pytest.approx((depth[0], slope[0]), rel=1e-9, abs=1e-12)
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.six_dof.kernels.parts import MOST_PARTS, SUMS, Room, advance, hold
+from models.solve.six_dof.kernels.parts import MEANS, MOST_PARTS, SUMS, Room, advance, hold
 from models.solve.six_dof.kernels.step import P_CLEARANCE, P_OMEGA, Balls, StepNodes, relative_motion
 
 if TYPE_CHECKING:
@@ -209,7 +209,7 @@ def retake(
         y1, y2: the same at its end after a step in one; they are returned where no instant is near.
         reach: time from an instant, s, within which parts are graded; at least ``h``.
         changed: whether the stages of that step saw different contacts.
-        total: written where the step was taken in parts: integrals over it, (SUMS,).
+        total: written where the step was taken in parts: integrals over it and largest values in it, (SUMS,).
     """
     here, there, on = room.here, room.there, room.on
     fill_gaps(x1, x2, p, balls, nodes, n, np.int64(0), here)
@@ -253,7 +253,7 @@ def retake(
                 stop, corrections = better, corrections + 1
                 continue
         for k in range(SUMS):
-            total[k] += room.sums[k]
+            total[k] = total[k] + room.sums[k] if k < MEANS else max(total[k], room.sums[k])
         mark = room.marks[done]
         mark[0], mark[1], mark[2], mark[3], mark[4] = place, stop, since, until, target
         done += 1

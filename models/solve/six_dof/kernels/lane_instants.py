@@ -223,11 +223,12 @@ def _hold_pieces(i: int, begin: float, end: float, split: Splitting, held: HeldL
 @kernel
 def _fill_rows(i: int, bounds: NDArray[np.float64], first: NDArray[np.int64], split: Splitting, held: HeldLane) -> None:
     """Write what is known of lane i between cage angles, in rows from ``first[0]`` on."""
-    nodes = held.nodes
-    nodes.turn[first[0] : first[-1]] = fill_turn(bounds, first)[first[0] :]
+    nodes, begin, end = held.nodes, first[0], first[-1]
+    nodes.turn[begin:end] = fill_turn(bounds, first)[begin:]
+    nodes.depth[begin:end], nodes.rate[begin:end] = 0.0, 0.0
     fill_path(
-        *(split.path[i], split.profiles[split.which[i]], held.starts, bounds, first),
-        *(held.parameter[P_OMEGA], nodes.depth, nodes.rate),
+        *(split.path[i], split.profiles[split.which[i]], held.starts, np.zeros(held.starts.shape[0], np.int64)),
+        *(bounds, first, held.parameter[P_OMEGA], nodes.depth, nodes.rate),
     )
 
 

@@ -30,6 +30,8 @@ _FAST = 0.1
 _SAFETY = 3.0
 # What is left to settle may be so many times what a period may still change: it is known, and not one of many changes.
 LEFT = 20.0
+# Share of its first distance at which a motion has come near to another.
+_COME = 0.05
 # Differences of residuals that differ from those of later ones by less than this share add nothing but rounding.
 _DEPENDENT = 1e-8
 # A pivot below this makes a matrix singular.
@@ -225,6 +227,32 @@ def jacobian(state: NDArray[np.float64], period: Period, size: float) -> NDArray
         for i in range(12):
             found[i, j] = 0.5 * (above[i // 6, i % 6] - below[i // 6, i % 6]) / (STATE_SCALE[i % 6] * size)
     return found
+
+
+@kernel
+def comes_to(orbit: NDArray[np.float64], period: Period, most: int) -> bool:
+    """Return whether a motion that begins at rest comes near the one that repeats from ``orbit`` (2, 6) on, within so
+    many periods: to a small share of the distance at which it begins.
+    """
+    state, after, trace, begin = np.zeros((2, 6)), np.empty((2, 6)), blank_trace(period), _scaled_size(orbit)
+    away = np.empty((2, 6))
+    for _ in range(most):
+        if ball_period(state, after, trace, period) != STATUS_OK:
+            return False
+        for i in range(2):
+            for j in range(6):
+                state[i, j], away[i, j] = after[i, j], after[i, j] - orbit[i, j]
+        if _scaled_size(away) <= _COME * begin:
+            return True
+    return False
+
+
+@kernel
+def _scaled_size(state: NDArray[np.float64]) -> float:
+    total = 0.0
+    for i in range(12):
+        total += (state[i // 6, i % 6] / STATE_SCALE[i % 6]) ** 2
+    return math.sqrt(total)
 
 
 @kernel

@@ -39,8 +39,9 @@ if TYPE_CHECKING:
 # Cells of a stretch beside an instant, of balls and rollers, where it is graded over one step.
 CELLS_OF_BALLS = 4
 CELLS_OF_ROLLERS = 4
-# Sums over a step: of both accelerations, both squares, and both times the time from its middle.
-SUMS = 6
+# Over a step: integrals of both accelerations, of both squares, and of both times the time from its middle, and the
+# largest sizes of both.
+MEANS, SUMS = 6, 8
 # Parts that a step may take.
 MOST_PARTS = 96
 
@@ -53,7 +54,7 @@ class Room(NamedTuple):
         here, there: gap (negative where it is open), m, and its rate, m/s, at the begin and end of a part, (2, E).
         balls: the balls, without a direction where they are not in contact.
         within: what is known of a part at its nodes, one row.
-        sums: integrals over a part, (SUMS,).
+        sums: integrals over a part and largest values in it, (SUMS,).
         marks: of each part that a step was taken in: begin and end, from 0 to 1, the times since the instant before and
             up to the one after it, s, and the element that changes at its end or -1, (MOST_PARTS + 1, 5).
     """
@@ -188,6 +189,17 @@ def _add(sums: NDArray[np.float64], weight: float, time: float, a: tuple[float, 
 
 
 @inlined
+def crest(before: float, at: float, after: float) -> float:
+    """Return the size of the middle of three values at equal distances, or of the parabola through them at its vertex
+    where that is larger and lies between them.
+    """
+    slope, bend = 0.5 * (after - before), after - 2.0 * at + before
+    if at * bend < 0.0 and abs(slope) < abs(bend):
+        return abs(at) + 0.5 * slope * slope / abs(bend)
+    return abs(at)
+
+
+@inlined
 def in_the_middle(
     x: Axis,
     p: NDArray[np.float64],
@@ -268,8 +280,13 @@ def advance(
             z1 = in_the_middle(x1, p, weight, e, tm - t1, a1, b1 + c1, g1)
             z2 = in_the_middle(x2, p, weight, e, tm - t1, a2, b2 + c2, g2)
             f1, f2, _, _ = contact(z1, z2, p, room.balls, within, np.int64(0), np.int64(1), 0.0)
-            _add(sums, weight[0] / 6.0, t0 - 0.5 * h, accelerations(x1, x2, a1, a2, p))
-            _add(sums, weight[1] / 1.5, tm - 0.5 * h, accelerations(z1, z2, f1, f2, p))
-            _add(sums, weight[2] / 6.0, t1 - 0.5 * h, accelerations(u1, u2, g1, g2, p))
+            first, middle = accelerations(x1, x2, a1, a2, p), accelerations(z1, z2, f1, f2, p)
+            last = accelerations(u1, u2, g1, g2, p)
+            _add(sums, weight[0] / 6.0, t0 - 0.5 * h, first)
+            _add(sums, weight[1] / 1.5, tm - 0.5 * h, middle)
+            _add(sums, weight[2] / 6.0, t1 - 0.5 * h, last)
+            for k in range(2):
+                highest = max(abs(first[k]), crest(first[k], middle[k], last[k]), abs(last[k]))
+                sums[MEANS + k] = max(sums[MEANS + k], highest)
             x1, x2 = y1, y2
     return x1, x2

@@ -1,7 +1,8 @@
-"""Kernels of the path of the balls over a defect: its kinks and its tables (rule: models.path.defect).
+"""Kernels of the path of the balls over defects: its kinks and its tables (rule: models.path.defect).
 
-``path`` (float64) describes the defect by the D_ constants. ``profile`` (4, pieces) holds the cubic pieces of a rough
-floor, highest power first; it has no pieces where the floor is smooth. ``models.path.defect.BallPath`` is the oracle.
+``path`` (float64) describes a defect by the D_ constants; ``paths`` has a row for each of a scene, none of which
+overlap. ``profile`` (4, pieces) holds the cubic pieces of all rough floors, highest power first.
+``models.path.defect.BallPath`` is the oracle.
 """
 
 from __future__ import annotations
@@ -27,7 +28,11 @@ D_REACH = 6  # angle beyond an edge where the edge path ends, rad
 D_ROUGHNESS = 7  # factor on the profile, 0 to 1
 D_SPACING = 8  # length of a piece of the profile, rad
 D_HIGHEST = 9  # largest value of the profile, m
-DEFECT = 10
+D_PIECE = 10  # first piece of the floor's profile
+D_PIECES = 11  # how many it has, 0 where the floor is smooth
+D_ROW = 12  # first row with the defect
+D_ROWS_END = 13  # the one after the last
+DEFECT = 14
 
 SCAN_POINTS = 200
 _ROOT_STEPS = 60
@@ -54,12 +59,13 @@ def edge(delta: float, r_o: float, r_b: float, reach: float) -> tuple[float, flo
 @kernel
 def floor_at(path: NDArray[np.float64], profile: NDArray[np.float64], angle: float) -> tuple[float, float]:
     """Return depth, m, and slope, m/rad, of the floor at an angle of the race."""
-    if profile.shape[1] == 0:
+    if path[D_PIECES] == 0.0:
         return path[D_DEPTH], 0.0
     spacing, roughness = path[D_SPACING], path[D_ROUGHNESS]
     wrapped = angle - 2.0 * math.pi * math.floor(angle / (2.0 * math.pi))
-    piece = min(int(wrapped / spacing), profile.shape[1] - 1)
+    piece = min(int(wrapped / spacing), int(path[D_PIECES]) - 1)
     x = wrapped - piece * spacing
+    piece += int(path[D_PIECE])
     c3, c2, c1, c0 = profile[0, piece], profile[1, piece], profile[2, piece], profile[3, piece]
     height = ((c3 * x + c2) * x + c1) * x + c0
     return path[D_DEPTH] + roughness * height, roughness * ((3.0 * c3 * x + 2.0 * c2) * x + c1)
@@ -107,7 +113,7 @@ def _root(
 def _switches(path: NDArray[np.float64], profile: NDArray[np.float64], side: float, out: NDArray[np.float64]) -> int:
     """Write the angles beyond one edge where edge path and floor cross, rad; return their number."""
     half, h_d, r_o, r_b = path[D_HALF], path[D_DEPTH], path[D_RACE], path[D_BALL]
-    if profile.shape[1] == 0:
+    if path[D_PIECES] == 0.0:
         out[0] = touch_angle(h_d, r_o, r_b)
         return 1 if out[0] < half else 0
     end = min(half, 1.001 * touch_angle(h_d + path[D_ROUGHNESS] * path[D_HIGHEST], r_o, r_b))
@@ -148,27 +154,29 @@ def path_kinks(path: NDArray[np.float64], profile: NDArray[np.float64]) -> NDArr
 
 @kernel
 def segment_bounds(
-    path: NDArray[np.float64], profile: NDArray[np.float64], offsets: NDArray[np.float64], pitch: float
+    paths: NDArray[np.float64], profile: NDArray[np.float64], offsets: NDArray[np.float64], pitch: float
 ) -> NDArray[np.float64]:
     """Return the cage angles at which segments begin and end, rad, from 0 to the pitch.
 
-    ``offsets``: by how much the positions of each damaged row are staggered, rad; none where nothing is damaged.
+    ``offsets``: by how much the positions of each row are staggered, rad.
     """
-    if offsets.shape[0] == 0:
-        return np.array([0.0, pitch])
-    kinks = path_kinks(path, profile)
-    times = np.empty(kinks.shape[0] * offsets.shape[0])
-    count = 0
-    for kink in kinks:
-        for offset in offsets:
-            time = (kink - offset) - pitch * math.floor((kink - offset) / pitch)
-            place = count
-            while place > 0 and times[place - 1] > time:
-                times[place] = times[place - 1]
-                place -= 1
-            times[place] = time
-            count += 1
-    bounds = np.empty(count + 2)
+    times = np.empty(0)
+    for d in range(paths.shape[0]):
+        kinks, rows = path_kinks(paths[d], profile), offsets[int(paths[d, D_ROW]) : int(paths[d, D_ROWS_END])]
+        count, earlier = times.shape[0], times
+        times = np.empty(count + kinks.shape[0] * rows.shape[0])
+        for place in range(count):
+            times[place] = earlier[place]
+        for kink in kinks:
+            for offset in rows:
+                time = (kink - offset) - pitch * math.floor((kink - offset) / pitch)
+                place = count
+                while place > 0 and times[place - 1] > time:
+                    times[place] = times[place - 1]
+                    place -= 1
+                times[place] = time
+                count += 1
+    bounds = np.empty(times.shape[0] + 2)
     bounds[0] = 0.0
     last = 0
     for time in times:
@@ -184,18 +192,19 @@ def fill_path(
     path: NDArray[np.float64],
     profile: NDArray[np.float64],
     starts: NDArray[np.float64],
+    rows: NDArray[np.int64],
     bounds: NDArray[np.float64],
     first: NDArray[np.int64],
     omega: float,
     depth: NDArray[np.float64],
     rate: NDArray[np.float64],
 ) -> None:
-    """Write d, m, and omega d', m/s, of balls that start at ``starts`` (D,), rad; both have shape (steps, 3, D).
+    """Write d, m, and omega d', m/s, of balls that start at ``starts`` (D,), rad, in ``rows``, where they are over a
+    defect; both have shape (steps, 3, D).
 
     Segments end on kinks, so within one a ball is either outside the defect, over an edge or on a smooth floor.
     """
     half, cosine = path[D_HALF], path[D_COSINE]
-    smooth = profile.shape[1] == 0
     bottom = touch_angle(path[D_DEPTH] + path[D_ROUGHNESS] * path[D_HIGHEST], path[D_RACE], path[D_BALL])
     for k in range(bounds.shape[0] - 1):
         middle, count = 0.5 * (bounds[k] + bounds[k + 1]), first[k + 1] - first[k]
@@ -204,13 +213,15 @@ def fill_path(
             turn = middle + starts[j] - path[D_POSITION]
             x = turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
             side = 1.0 if x > 0.0 else -1.0
-            outside = abs(x) >= half
-            level = smooth and (
-                outside or edge(half - abs(x), path[D_RACE], path[D_BALL], path[D_REACH])[0] > path[D_DEPTH]
+            if abs(x) >= half or not path[D_ROW] <= rows[j] < path[D_ROWS_END]:
+                continue
+            level = (
+                path[D_PIECES] == 0.0
+                and edge(half - abs(x), path[D_RACE], path[D_BALL], path[D_REACH])[0] > path[D_DEPTH]
             )
-            d, slope = 0.0 if outside else cosine * path[D_DEPTH], 0.0
+            d, slope = cosine * path[D_DEPTH], 0.0
             for m in range(2 * count + 1):
-                if not (outside or level):
+                if not level:
                     nudge = NUDGE if m == 0 else -NUDGE if m == 2 * count else 0.0
                     cage = bounds[k] + m * width + nudge
                     d, slope = _depth(path, profile, half - side * (x + cage - middle), side, cage + starts[j], bottom)
@@ -228,7 +239,7 @@ def _depth(
     if delta > bottom:
         return floor, floor_slope
     on_edge, slope = edge(delta, path[D_RACE], path[D_BALL], path[D_REACH])
-    if on_edge <= floor or profile.shape[1] == 0:
+    if on_edge <= floor or path[D_PIECES] == 0.0:
         return on_edge, -side * slope
     return floor, floor_slope
 

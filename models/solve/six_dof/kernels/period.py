@@ -16,7 +16,7 @@ import numpy as np
 
 from models.platform.jit import inlined, kernel
 from models.solve.six_dof.kernels.instants import retake
-from models.solve.six_dof.kernels.parts import SUMS, Room, make_room
+from models.solve.six_dof.kernels.parts import MEANS, SUMS, Room, make_room
 from models.solve.six_dof.kernels.step import (
     STATUS_NOT_FINITE,
     STATUS_OK,
@@ -141,7 +141,8 @@ class PeriodTrace(NamedTuple):
         weight: quadrature weights of ``wave``, (steps + segments,): the values of each run of steps without a change
             of contact have a rule of their own.
         parts: of the steps that are taken in parts, their share in the mean over the period of both accelerations,
-            both squares, and both accelerations times the time from the middle of the step, s m/s2, (steps, SUMS).
+            both squares, and both accelerations times the time from the middle of the step, s m/s2, and the largest
+            sizes of both, (steps, SUMS).
         changed: whether a step was taken in parts, because contacts change in it or near it, (steps,).
         instants: how many contacts change in a step, int64, (steps,).
         grazing: how many times a gap nearly touches zero in a step, so that a coarser one may not tell on which side,
@@ -220,7 +221,7 @@ def _retaken(
     )
     trace.changed[n] = taken
     if taken:
-        for k in range(SUMS):
+        for k in range(MEANS):
             parts[k] /= period.time[-1]
     return y1, y2
 

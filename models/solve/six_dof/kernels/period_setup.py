@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import kernel
-from models.solve.six_dof.kernels.path import D_HALF, D_POSITION, fill_path, segment_bounds
+from models.solve.six_dof.kernels.path import D_HALF, D_POSITION, D_ROW, D_ROWS_END, fill_path, segment_bounds
 from models.solve.six_dof.kernels.period import Period, add_quadrature
 from models.solve.six_dof.kernels.step import NEAR_SLOPE, P_OMEGA, P_PITCH, Balls, StepNodes, propagators
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from models.platform.jit import Index
 
 _NEAR_ANGLE = math.pi / 2.0 + math.atan(NEAR_SLOPE)
 
@@ -47,10 +49,20 @@ def arc_distance(start: float, length: float, angle: float) -> float:
 
 
 @kernel
+def _is_touched(paths: NDArray[np.float64], position: float, row: Index, pitch: float) -> bool:
+    """Return whether a ball that starts at a position of a row, rad, comes to a defect within a pitch."""
+    for d in range(paths.shape[0]):
+        in_row = paths[d, D_ROW] <= row < paths[d, D_ROWS_END]
+        if in_row and arc_distance(position, pitch, paths[d, D_POSITION]) < paths[d, D_HALF]:
+            return True
+    return False
+
+
+@kernel
 def split_positions(
-    path: NDArray[np.float64], point: OperatingPoint, damaged_rows: tuple[int, int]
-) -> tuple[NDArray[np.float64], int, Balls]:
-    """Return the start of the moved balls, rad, how many of them, the first, the defect can touch, and all balls.
+    paths: NDArray[np.float64], point: OperatingPoint
+) -> tuple[NDArray[np.float64], NDArray[np.int64], int, Balls]:
+    """Return the start of the moved balls, rad, their rows, how many of them, the first, defects can touch, and all.
 
     Every ball is moved where the race has waves.
     """
@@ -59,12 +71,10 @@ def split_positions(
     touches = np.zeros(count, dtype=np.bool_)
     d = 0
     for i in range(count):
-        damaged = damaged_rows[0] <= point.rows[i] < damaged_rows[1]
-        if damaged and arc_distance(positions[i], pitch, path[D_POSITION]) < path[D_HALF]:
-            touches[i] = True
-            d += 1
+        touches[i] = _is_touched(paths, positions[i], point.rows[i], pitch)
+        d += 1 if touches[i] else 0
     m = count if waves else d
-    starts, moved, plain = np.empty(m), np.empty((3, m)), np.empty((3, count - m))
+    starts, rows, moved, plain = np.empty(m), np.empty(m, np.int64), np.empty((3, m)), np.empty((3, count - m))
     here, there, near = 0, 0, 0
     power = 1.0
     for second in range(2):
@@ -73,7 +83,7 @@ def split_positions(
                 continue
             c, s = math.cos(positions[i]), math.sin(positions[i])
             if touches[i] or waves:
-                starts[here] = positions[i]
+                starts[here], rows[here] = positions[i], point.rows[i]
                 moved[0, here], moved[1, here], moved[2, here] = c, s, power
                 here += 1
             else:
@@ -82,7 +92,7 @@ def split_positions(
                 if arc_distance(positions[i], pitch, 0.0) <= _NEAR_ANGLE:
                     near += 1
             power *= 2.0
-    return starts, d, Balls(moved, plain, m, near, point.power)
+    return starts, rows, d, Balls(moved, plain, m, near, point.power)
 
 
 @kernel
@@ -170,10 +180,9 @@ def add_waves(
 
 @kernel
 def set_up(
-    path: NDArray[np.float64],
+    paths: NDArray[np.float64],
     profile: NDArray[np.float64],
     point: OperatingPoint,
-    damaged_rows: tuple[int, int],
     steps: int,
     least: int,
     fold: int,
@@ -181,20 +190,20 @@ def set_up(
     """Return one ball period of a scene.
 
     Args:
-        path, profile: the defect and its floor (models.solve.six_dof.kernels.path).
-        damaged_rows: the first row with the defect and the one after the last; equal where nothing is damaged.
+        paths, profile: the defects and their floors (models.solve.six_dof.kernels.path).
         steps, least, fold: ``fold`` times at least ``steps`` a period and ``least`` a segment.
     """
     omega, pitch = point.parameter[P_OMEGA], point.parameter[P_PITCH]
-    starts, touched, balls = split_positions(path, point, damaged_rows)
-    bounds = segment_bounds(
-        path, profile, point.offsets[damaged_rows[0] : damaged_rows[1] if touched > 0 else damaged_rows[0]], pitch
-    )
+    starts, rows, touched, balls = split_positions(paths, point)
+    if touched == 0:
+        paths = paths[:0]
+    bounds = segment_bounds(paths, profile, point.offsets, pitch)
     first = _first_steps(bounds, steps, least, fold, pitch)
     flow = _fill_flow(point.parameter, bounds, first)
     shape = (first[-1], 3, balls.moved.shape[1])
     nodes = StepNodes(fill_turn(bounds, first), np.zeros(shape), np.zeros(shape), None)
-    fill_path(path, profile, starts[:touched], bounds, first, omega, nodes.depth, nodes.rate)
+    for path in paths:
+        fill_path(path, profile, starts[:touched], rows, bounds, first, omega, nodes.depth, nodes.rate)
     if point.waves.shape[0] > 0:
         add_waves(point.waves, starts, bounds, first, omega, nodes)
     time, weight = fill_values(bounds, first, omega)

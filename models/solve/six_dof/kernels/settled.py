@@ -20,6 +20,7 @@ from models.solve.six_dof.kernels.errors import (
     Q_WAVE,
     asked_error,
     blank_levels,
+    count_lines,
     judge,
     judge_again,
     largest_line,
@@ -31,11 +32,13 @@ from models.solve.six_dof.kernels.orbit import (
     PLAIN_FIRST,
     SILENCE,
     STATE_SCALE,
+    comes_to,
     jacobian,
     newton_steering,
     settle,
     spectral_radius,
 )
+from models.solve.six_dof.kernels.parts import MEANS, crest
 from models.solve.six_dof.kernels.period import blank_trace, copy_values, mean_square
 from models.solve.six_dof.kernels.period_setup import set_up
 from models.solve.six_dof.kernels.step import P_CLEARANCE, P_U_1
@@ -59,7 +62,7 @@ R_RADIUS = 5  # largest absolute Floquet multiplier
 R_STEPS = 6  # of the last grid
 R_WAVE = 7  # relative error of the waveform (RMS)
 R_HALVED = 8  # relative error of the RMS as halving alone tells it
-R_PARTED = 9  # 1 where the rings part for a moment, so that no ball is in contact
+R_DOUBTED = 9  # 1 where there may be other motions: the rings part, or the motion from rest does not come to this one
 R_POWER = 10  # mean squares of outer ring and resonator, m2/s4
 R_OTHER = 12  # relative difference of the RMS to the second opinion, NaN where none was taken on the last grid
 R_PEAK = 13  # relative error of the largest value
@@ -71,6 +74,10 @@ _DOUBTFUL = 0.9
 # load a larger one would leave them.
 _DIFFERENCE = 1e-3
 _OF_APPROACH = 1e-3
+# A search of more periods than this may have gone to another motion than the one that begins at rest. That one is given
+# this many times what the slowest mode takes to decay to a share of e^-3, and this many periods at most.
+_LONG_SEARCH = 7
+_DECAYS, _MOST_FOLLOWED = 6.0, 600
 # One halving is believed where it ends with so many steps: of fewer, both grids may miss the same impact, and agree.
 _TOLD_BY_ONE = 256
 # The coarsest grid is settled to this share of the accuracy: the next begins from there, and is settled whole.
@@ -113,24 +120,21 @@ class Effort(NamedTuple):
 
 
 @kernel
-def largest(wave: NDArray[np.float64], first: NDArray[np.int64], sensor: Index) -> float:
+def largest(trace: PeriodTrace, first: NDArray[np.int64], sensor: Index) -> float:
     """Return the largest absolute value of a sensor in a period.
 
-    Between three values it is that of the parabola through them, where that has its vertex there. ``wave`` and
-    ``first``: see models.solve.six_dof.kernels.period.
+    Between three values it is that of the parabola through them, where that has its vertex there and no contact changes
+    between them: steps that are taken in parts know their own. ``first``: see models.solve.six_dof.kernels.period.
     """
-    found = 0.0
+    wave, changed, found = trace.wave, trace.changed, 0.0
     for k in range(first.shape[0] - 1):
         start, end = first[k] + k, first[k + 1] + k
         for n in range(start, end + 1):
-            at = wave[n, sensor]
-            size = abs(at)
-            if start < n < end:
-                before, after = wave[n - 1, sensor], wave[n + 1, sensor]
-                slope, bend = 0.5 * (after - before), after - 2.0 * at + before
-                if at * bend < 0.0 and abs(slope) < abs(bend):
-                    size += 0.5 * slope * slope / abs(bend)
-            found = max(found, size)
+            found = max(found, abs(wave[n, sensor]))
+            if n < end and changed[n - k]:
+                found = max(found, trace.parts[n - k, MEANS + sensor])
+            elif start < n < end and not changed[n - k - 1]:
+                found = max(found, crest(wave[n - 1, sensor], wave[n, sensor], wave[n + 1, sensor]))
     return found
 
 
@@ -210,14 +214,17 @@ def _measure(trace: PeriodTrace, period: Period, effort: Effort, values: NDArray
     spectrum = lines(trace, period.time, period.first, max(effort.harmonics, effort.high), 1)
     values[Q_WAVE] = math.sqrt(mean_square(trace, 0))
     values[Q_RMS] = values[Q_WAVE]
-    values[Q_PEAK] = largest(trace.wave, period.first, np.int64(0))
+    values[Q_PEAK] = largest(trace, period.first, np.int64(0))
     if effort.high >= effort.low:
         power = 0.0
         for k in range(effort.low, effort.high + 1):
             power += spectrum[0, 0, k] ** 2 + spectrum[0, 1, k] ** 2
         values[Q_RMS] = math.sqrt(2.0 * power)
+    parts = Q_LINES + effort.harmonics
     for k in range(effort.harmonics):
-        values[Q_LINES + k] = 2.0 * math.sqrt(spectrum[0, 0, k + 1] ** 2 + spectrum[0, 1, k + 1] ** 2)
+        real, imaginary = 2.0 * spectrum[0, 0, k + 1], 2.0 * spectrum[0, 1, k + 1]
+        values[Q_LINES + k] = math.hypot(real, imaginary)
+        values[parts + 2 * k], values[parts + 2 * k + 1] = real, imaginary
 
 
 @kernel
@@ -249,10 +256,31 @@ def _stability(state: NDArray[np.float64], period: Period) -> tuple[float, NDArr
 
 
 @kernel
+def _examine(
+    state: NDArray[np.float64], period: Period, rms: float, searched: int, found: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Write whether an orbit is stable, and whether there may be others beside it; return the steering about it.
+
+    ``searched``: periods that it took to find it from afar.
+    """
+    radius, steering, parted = _stability(state, period)
+    if rms <= SILENCE:
+        # Unloaded rings are free, with multipliers of one; at rest nothing leaves it.
+        found[R_RADIUS] = 0.0
+        return steering
+    found[R_RADIUS] = radius
+    if parted:
+        found[R_DOUBTED] = 1.0
+    elif searched > _LONG_SEARCH and radius < 1.0:
+        most = min(_DECAYS / max(1.0 - radius, 1e-9), _MOST_FOLLOWED)
+        found[R_DOUBTED] = 0.0 if comes_to(state, period, math.ceil(most)) else 1.0
+    return steering
+
+
+@kernel
 def ask_again(
-    path: NDArray[np.float64],
+    paths: NDArray[np.float64],
     profile: NDArray[np.float64],
-    damaged_rows: tuple[int, int],
     point: OperatingPoint,
     begin: NDArray[np.float64],
     steering: NDArray[np.float64],
@@ -269,7 +297,7 @@ def ask_again(
     motion does not settle. Return the periods simulated.
     """
     steps = math.ceil(_OTHER_STEPS * fold * effort.steps) | 1
-    period = set_up(path, profile, point, damaged_rows, steps, (3 * fold * effort.least) // 4 | 1, 1)
+    period = set_up(paths, profile, point, steps, (3 * fold * effort.least) // 4 | 1, 1)
     trace = blank_trace(period)
     number, _, _, settled, _ = settle(
         begin, np.zeros((2, 6)), trace, period, steering, 0, calm, tolerance, effort.cap, felt
@@ -287,16 +315,15 @@ def _note(levels: GridLevels, trace: PeriodTrace, found: NDArray[np.float64]) ->
     found[R_RMS], found[R_ERROR] = now[Q_RMS], relative(errors[Q_RMS], now[Q_RMS])
     found[R_WAVE], found[R_PEAK] = relative(errors[Q_WAVE], now[Q_WAVE]), relative(errors[Q_PEAK], now[Q_PEAK])
     found[R_POWER], found[R_POWER + 1] = mean_square(trace, 0), mean_square(trace, 1)
-    count = now.shape[0] - Q_LINES
+    count = count_lines(now)
     for k in range(count):
         found[R_LINES + k], found[R_LINES + count + k] = now[Q_LINES + k], errors[Q_LINES + k]
 
 
 @kernel
 def solve(
-    path: NDArray[np.float64],
+    paths: NDArray[np.float64],
     profile: NDArray[np.float64],
-    damaged_rows: tuple[int, int],
     point: OperatingPoint,
     begin: NDArray[np.float64],
     steering: NDArray[np.float64],
@@ -309,7 +336,7 @@ def solve(
     the Jacobian at that orbit for Newton's method. ``found`` (R_LINES + 2 harmonics), written: see the R_ constants.
     """
     begin, state, levels = begin.copy(), np.zeros((2, 6)), blank_levels(effort.harmonics)
-    period = set_up(path, profile, point, damaged_rows, effort.steps, effort.least, 1)
+    period = set_up(paths, profile, point, effort.steps, effort.least, 1)
     trace = blank_trace(period)
     found[:] = 0.0
     found[R_RADIUS] = found[R_HALVED] = found[R_OTHER] = math.nan
@@ -321,7 +348,7 @@ def solve(
         before, trace_before = period, trace
         copy_values(levels.now, levels.coarse)
         if grid > 0:
-            period = set_up(path, profile, point, damaged_rows, effort.steps, effort.least, 1 << grid)
+            period = set_up(paths, profile, point, effort.steps, effort.least, 1 << grid)
             trace, tolerance = blank_trace(period), _tolerance(effort, levels.now)
         number, change, rms, settled, felt = settle(
             begin, state, trace, period, steering, plain, calm, tolerance, effort.cap, felt
@@ -344,9 +371,8 @@ def solve(
                 if error <= effort.accuracy and certain:
                     break
                 found[R_PERIODS] += ask_again(
-                    path,
+                    paths,
                     profile,
-                    damaged_rows,
                     point,
                     state,
                     steering,
@@ -363,11 +389,7 @@ def solve(
                     break
         if settled:
             if grid == 0 or found[R_RADIUS] > _DOUBTFUL:
-                found[R_RADIUS], steering, parted = _stability(state, period)
-                found[R_PARTED] = 1.0 if parted and rms > SILENCE else 0.0
-                if rms <= SILENCE:
-                    # Unloaded rings are free, with multipliers of one; at rest nothing leaves it.
-                    found[R_RADIUS] = 0.0
+                steering = _examine(state, period, rms, number if grid == 0 else 0, found)
                 plain = 0
                 # Newton's method doubles the digits: the next change would be far smaller.
                 calm = 1 if found[R_RADIUS] <= _DOUBTFUL else CALM_PERIODS
@@ -381,11 +403,11 @@ def solve(
 
 @kernel
 def healthy_steering(
-    path: NDArray[np.float64], profile: NDArray[np.float64], point: OperatingPoint, steps: int, size: float
+    paths: NDArray[np.float64], profile: NDArray[np.float64], point: OperatingPoint, steps: int, size: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the Jacobian of the scaled period map of a healthy bearing at rest, and the steering of it, (12, 12) each.
 
     ``steps`` are those in a period, ``size`` that of the differences in scaled coordinates.
     """
-    matrix = jacobian(np.zeros((2, 6)), set_up(path, profile, point, (0, 0), steps, 1, 1), size)
+    matrix = jacobian(np.zeros((2, 6)), set_up(paths, profile, point, steps, 1, 1), size)
     return matrix, newton_steering(matrix)

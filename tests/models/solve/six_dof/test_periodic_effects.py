@@ -1,4 +1,4 @@
-"""Gravity, waves of the outer race, sensor direction and any row in the periodic solver, against the time domain.
+"""Gravity, waves and pits of the outer race, sensor direction and any row in the periodic solver, by the time domain.
 
 Both share the step and nothing else: positions, paths, steps, quadrature and search are the periodic solver's own. Its
 error is estimated, that of the time domain found by halving its step.
@@ -43,6 +43,17 @@ SCENES: dict[str, tuple[Scene, float]] = {
     "sensor between": (replace(SCENE, gravity=9.81, gravity_angle=0.7), 0.6),
     "the second row": (replace(SCENE, defect=replace(SPALL, first_row=1)), 0.0),
     "the second row, off the load": (replace(SCENE, defect=replace(SPALL, first_row=1, position=0.3)), 0.4),
+    "three pits in two rows, two of them rough": (
+        replace(
+            SCENE,
+            defect=Defect(math.radians(8.0), 20e-6, Floor("rough", seed=3), position=-0.2),
+            more_defects=(
+                Defect(math.radians(5.0), 10e-6, position=0.1, rows=2),
+                Defect(math.radians(9.0), 15e-6, Floor("rough", seed=8), position=0.5, first_row=1),
+            ),
+        ),
+        0.0,
+    ),
     "one row of balls": (
         replace(SCENE, bearing=from_catalogue("6205"), waviness=(Waviness(1e-6, 9),), gravity=9.81),
         0.0,

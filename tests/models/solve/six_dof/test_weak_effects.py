@@ -34,7 +34,6 @@ NEGLIGIBLE: dict[str, dict[str, Any]] = {
     "inner_waviness": {"waviness": (Waviness(1e-12, 12, "inner"),)},
     "inner_defect": {"more_defects": (Defect(1e-5, 1e-6, part="inner"),)},
     "ball_defect": {"more_defects": (Defect(0.1, 1e-12, part="ball"),)},
-    "several_defects": {"more_defects": (Defect(1e-5, 1e-6, position=1.0),)},
 }
 
 
