@@ -52,7 +52,7 @@ from models.solve.six_dof.kernels.varied_step import (
     sensed,
     varied_step,
 )
-from models.solve.six_dof.kernels.varied_sums import Place, Shown, add_end, add_row, phase_at, turned_by
+from models.solve.six_dof.kernels.varied_sums import StepPlace, Shown, add_end, add_row, phase_at, turned_by
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -69,7 +69,7 @@ def _fill_varied(
     place: float,
     node: Index,
     h: float,
-    where: Place,
+    where: StepPlace,
     n: Index,
     room: Room,
     varied: Varied,
@@ -192,7 +192,7 @@ def _begin_stretch(
     place: float,
     falls: bool,
     h: float,
-    where: Place,
+    where: StepPlace,
     bounds: Values,
     period: Period,
     n: Index,
@@ -223,7 +223,7 @@ def _end_stretch(
     x2: Axis,
     place: float,
     falls: bool,
-    where: Place,
+    where: StepPlace,
     bounds: Values,
     period: Period,
     room: Room,
@@ -259,7 +259,7 @@ def _varied_part(
     until: float,
     h: float,
     reach: float,
-    where: Place,
+    where: StepPlace,
     bounds: Values,
     period: Period,
     n: Index,
@@ -345,7 +345,7 @@ def _pass_instant(
     target: Index,
     place: float,
     h: float,
-    where: Place,
+    where: StepPlace,
     bounds: Values,
     period: Period,
     room: Room,
@@ -405,7 +405,7 @@ def _varied_retaken(
     h: float,
     e: Flow,
     reach: float,
-    where: Place,
+    where: StepPlace,
     bounds: Values,
     period: Period,
     n: Index,
@@ -462,7 +462,7 @@ def _varied_run(
     fill_carry(p, 0.5 * h, e, varied, columns.width, columns.carry[0])
     columns.carry[1] = columns.carry[0]
     while n < first[segment + 1] and not trace.changed[n]:
-        where = Place(segment, (n - first[segment]) / steps, 1.0 / steps, bounds[-1])
+        where = StepPlace(segment, (n - first[segment]) / steps, 1.0 / steps, bounds[-1])
         for node in range(3):
             for m in range(last):
                 columns.angle[node, m] = turned_by(0.5 * node, where, varied, m) + varied.start[m]
@@ -514,7 +514,7 @@ def varied_period(
         n = first[segment]
         while n < first[segment + 1]:
             if trace.changed[n]:
-                where = Place(segment, (n - first[segment]) / steps, 1.0 / steps, bounds[-1])
+                where = StepPlace(segment, (n - first[segment]) / steps, 1.0 / steps, bounds[-1])
                 x1, x2 = _varied_retaken(
                     x1, x2, h, e, reach, where, bounds, period, n, room, varied, columns, shown, total, spare
                 )

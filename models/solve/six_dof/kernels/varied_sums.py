@@ -84,7 +84,7 @@ def add_end(phase: float, a: float, sign: float, p: Values, shown: Shown, durati
         out[i] += sign * a * shown.at[0, i] / duration
 
 
-class Place(NamedTuple):
+class StepPlace(NamedTuple):
     """Where a step is: its segment, the share of it at its start, and the shares that it takes; pitch, rad."""
 
     segment: int
@@ -94,14 +94,14 @@ class Place(NamedTuple):
 
 
 @inlined
-def phase_at(place: float, where: Place, bounds: Values) -> float:
+def phase_at(place: float, where: StepPlace, bounds: Values) -> float:
     """Return the phase at a place, from 0 to 1 over a step."""
     share = where.begin + place * where.share
     return (bounds[where.segment] + share * (bounds[where.segment + 1] - bounds[where.segment])) / where.pitch
 
 
 @inlined
-def turned_by(place: float, where: Place, varied: Varied, m: Index) -> float:
+def turned_by(place: float, where: StepPlace, varied: Varied, m: Index) -> float:
     """Return the change of the cage angle at a place of a step by a parameter."""
     share = where.begin + place * where.share
     return (1.0 - share) * varied.bounds[where.segment, m] + share * varied.bounds[where.segment + 1, m]
@@ -111,7 +111,7 @@ def turned_by(place: float, where: Place, varied: Varied, m: Index) -> float:
 def add_row(
     weight: float,
     place: float,
-    where: Place,
+    where: StepPlace,
     x1: Axis,
     x2: Axis,
     source: Values,
