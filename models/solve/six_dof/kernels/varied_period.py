@@ -52,7 +52,7 @@ from models.solve.six_dof.kernels.varied_step import (
     sensed,
     varied_step,
 )
-from models.solve.six_dof.kernels.varied_sums import StepPlace, Shown, add_end, add_row, phase_at, turned_by
+from models.solve.six_dof.kernels.varied_sums import Shown, StepPlace, add_end, add_row, phase_at, turned_by
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
