@@ -133,9 +133,7 @@ def test_a_demo_replaces_all_that_an_earlier_one_left(tmp_path: Path, monkeypatc
 
 
 def test_the_library_that_ships_is_of_the_lives_of_a_demo() -> None:
-    """The lives whose levels are the least and the highest of all have them still: to 2 % of a level, as the
-    lines of a simulation were less exact when it was made.
-    """
+    """The lives whose levels are the least and the highest of all have them still."""
     config = demo_config()
     shipped, population = load_library(SHIPPED), demo_population(config)
     assert shipped.made_of["population"] == json.loads(population.as_json())
@@ -148,8 +146,8 @@ def test_the_library_that_ships_is_of_the_lives_of_a_demo() -> None:
             fit.relative_levels(levels_of(name, life.rms, life.harmonics, life.v_eq), life.load, life.speed)
             for life in lives
         ]
-        assert np.concatenate(relative).min(axis=0) == pytest.approx(fit.lowest, abs=2e-2)
-        assert np.concatenate(relative).max(axis=0) == pytest.approx(fit.highest, abs=2e-2)
+        assert np.concatenate(relative).min(axis=0) == pytest.approx(fit.lowest, abs=1e-6)
+        assert np.concatenate(relative).max(axis=0) == pytest.approx(fit.highest, abs=1e-6)
         for number, life in zip(numbers, lives, strict=True):
             assert fit.lifetimes[number] == pytest.approx([life.crossing(v) - life.t[0] for v in shipped.thresholds])
             told = np.exp((fit.said + fit.error)[fit.life == number, 0])
