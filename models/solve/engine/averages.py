@@ -135,9 +135,11 @@ def amplitudes_at(signal: NDArray[np.float64], turn: float, count: int) -> NDArr
         turn: frequency over the sampling rate, whose multiples 1..count the lines are.
 
     Returns:
-        Amplitudes and errors, (2, count).
+        Amplitudes and errors, (2, count); NaN of a signal of fewer values than cells.
     """
     length = len(signal) // _CELLS
+    if length == 0:
+        return np.full((2, count), math.nan)
     cut = signal[: length * _CELLS].reshape(_CELLS, length)
     within = np.exp(-2j * np.pi * np.mod(turn * np.arange(length), 1.0))
     between = np.exp(-2j * np.pi * np.mod(turn * length * np.arange(_CELLS), 1.0))

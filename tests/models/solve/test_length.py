@@ -92,6 +92,10 @@ def test_the_errors_of_lines_cover_noise_and_lines_beside_them() -> None:
     assert np.median(over) <= 10.0
 
 
+def test_a_signal_too_short_for_lines_has_none() -> None:
+    assert np.all(np.isnan(amplitudes_at(np.ones(5), 0.1, 3)))
+
+
 def test_lines_over_time_have_errors() -> None:
     short, long = (simulate(BALL, quantity="lines", accuracy=0.3, duration=seconds) for seconds in (0.5, 4.0))
     ours = amplitudes_at(record_of(short).of(), short.bpfo / record_of(short).rate, 6)[0]
