@@ -21,7 +21,8 @@ def types():
     kernels = [m for name, m in sys.modules.items() if name.startswith("models.") and "kernel" in name]
     return {
         f"{value.__module__}.{key}": len(value.signatures)
-        for module in kernels for key, value in vars(module).items() if hasattr(value, "signatures")
+        for module in kernels for key, value in vars(module).items()
+        if not isinstance(value, type) and hasattr(value, "signatures")
     }
 
 for name in PARTS:

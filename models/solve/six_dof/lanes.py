@@ -289,8 +289,9 @@ def simulate_lanes(
 
 
 def warm() -> None:
-    """Compile the kernels: one scene with slip."""
+    """Compile the kernels: one scene with slip, with steps in parts and without."""
     from models.machine.scene import Defect, Scene, Slip
 
     scene = Scene(40.0, 4000.0, defect=Defect(dphi_d=0.1, h_d=1e-5), slip=Slip(0.01))
-    simulate_lanes([scene], LaneOptions(slip_blocks=2))
+    for instants in (True, False):
+        simulate_lanes([scene], LaneOptions(slip_blocks=2, instants=instants))
