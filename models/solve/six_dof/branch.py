@@ -30,6 +30,7 @@ from models.solve.six_dof.setup import (
     operating_point,
     steps_for,
 )
+from models.words.errors import SpallwatchError
 from models.words.numerics import find_root
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ _DOUBTFUL = 0.8
 ALONG = np.append(np.zeros(12), 1.0)
 
 
-class MotionLostError(Exception):
+class MotionLostError(SpallwatchError):
     """No motion that repeats was found near where one was expected."""
 
 

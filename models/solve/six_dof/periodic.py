@@ -21,11 +21,9 @@ from models.solve.response import HARMONICS, Response, Status, band_lines, judge
 from models.solve.six_dof.derivatives import check_derivatives, of_orbit, withheld
 from models.solve.six_dof.kernels import settled as kernels
 from models.solve.six_dof.kernels.errors import Q_LINES, Q_RMS, Q_WAVE
-from models.solve.six_dof.kernels.orbit import newton_steering
 from models.solve.six_dof.kernels.period_setup import set_up
 from models.solve.six_dof.kernels.settled import Effort, fourier_coefficients, largest
 from models.solve.six_dof.kernels.step import P_DIRECTION_1, P_DIRECTION_2, P_U_1
-from models.solve.six_dof.kernels.tangent import tangent_jacobian
 from models.solve.six_dof.orbit import PeriodicMotion, simulate_on
 from models.solve.six_dof.setup import (
     DERIVATIVES,
@@ -97,7 +95,8 @@ def solve(scene: Scene, request: Request) -> Response:
         ValueError: if the scene or the request is outside what is solved here; the message names it.
     """
     check_scene(scene)
-    check_derivatives(scene, request.derivatives)
+    if request.derivatives:
+        check_derivatives(scene, request.derivatives)
     return judged(_solve(scene, request), request)
 
 
@@ -385,9 +384,7 @@ def steering(scene: Scene) -> NDArray[np.float64] | None:
     approach = float(point.parameter[P_U_1]) - scene.clearance
     if approach <= 0.0:
         return None
-    period = set_up(paths, profile, point, max(_JACOBIAN_STEPS, steps_for(scene)), 1, 1)
-    matrix, _ = tangent_jacobian(np.zeros((2, 6)), period)
-    inverse = newton_steering(matrix)
+    matrix, inverse = kernels.healthy_steering(paths, profile, point, max(_JACOBIAN_STEPS, steps_for(scene)))
     if not np.all(np.isfinite(matrix)):
         return None
     if not np.linalg.norm(matrix) * np.linalg.norm(inverse) < _WORST_CONDITION:

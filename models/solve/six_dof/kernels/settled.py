@@ -399,3 +399,15 @@ def solve(
         settled_before = settled
     _note(levels, trace, found)
     return period, state, trace
+
+
+@kernel
+def healthy_steering(
+    paths: NDArray[np.float64], profile: NDArray[np.float64], point: OperatingPoint, steps: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the Jacobian of the scaled period map of a healthy bearing at rest, and the steering of it, (12, 12) each.
+
+    ``steps`` are those in a period.
+    """
+    matrix, _ = tangent_jacobian(np.zeros((2, 6)), set_up(paths, profile, point, steps, 1, 1))
+    return matrix, newton_steering(matrix)
