@@ -18,7 +18,7 @@ from models.words.errors import WrongInputError
 # Relative error of the RMS that is asked of each node.
 MAP_ACCURACY = 2e-3
 # Increment when the results of the six-degree-of-freedom model change: older maps are then rebuilt.
-MODEL_VERSION = 6
+MODEL_VERSION = 5
 # The same of the other models, 1 of those that are not named.
 OTHER_VERSIONS: dict[str, int] = {}
 SCHEMA_VERSION = 3

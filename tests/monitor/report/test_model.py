@@ -296,7 +296,7 @@ def test_a_silent_scene_has_a_report() -> None:
     assert sheet.lead == "RMS 0 g over full bandwidth on the resonator (converged)."
 
 
-@pytest.mark.parametrize("options", [["--fault", "inner"], ["--slip-deg", "0.5"], ["--unbalance-kg-m", "1e-3"]])
+@pytest.mark.parametrize("options", [["--fault", "inner"], ["--slip-deg", "0.5"], ["--fault", "ball"]])
 def test_a_motion_that_does_not_repeat_is_drawn(tmp_path: Path, options: list[str]) -> None:
     out = tmp_path / "scene.svg"
     arguments = ["--dphi-deg", "4", "--h-d-um", "500", "--duration-s", "0.2", *options, "--plot", str(out)]
