@@ -220,7 +220,7 @@ class Response:
     left_out: tuple[LeftOut, ...] = ()
     averaging_error: float = 0.0
     added: Added | None = None
-    derivatives: Mapping[str, Derivative] = field(default_factory=dict)
+    derivatives: Mapping[str, Derivative] = field(default_factory=dict[str, Derivative])
 
     def turns(self) -> NDArray[np.float64]:
         """Return how far the shaft has turned at the samples of the record since the first, revolutions, (samples,).

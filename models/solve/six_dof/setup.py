@@ -222,7 +222,8 @@ def defect_arrays(bearing: Bearing, defects: Iterable[Defect]) -> tuple[NDArray[
     """Return the kernel's ``paths`` and ``profile`` of defects of the outer race that move a ball
     (models.solve.six_dof.kernels.path).
     """
-    arrays, profiles = [], [_NO_PROFILE]
+    arrays: list[NDArray[np.float64]] = []
+    profiles = [_NO_PROFILE]
     for defect in defects:
         path = ball_path(bearing, defect)
         if path is None:
