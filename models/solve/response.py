@@ -368,8 +368,11 @@ class Response:
                 n = np.arange(start, min(start + _CHUNK, samples))
                 # The phase is reduced to one turn before it is multiplied by k, so that long signals lose no digits.
                 turn = 2.0 * np.pi * np.mod(n * (self.bpfo / rate), 1.0) + phase
-                other = 2.0 * np.pi * np.mod(n * (frequency / rate), 1.0) + frequency / self.bpfo * phase
-                signal[start : start + len(n)] += _series(kept, np.exp(1j * turn), first * turn + other)
+                found = _series(kept, np.exp(1j * turn))
+                if frequency > 0.0:
+                    other = 2.0 * np.pi * np.mod(n * (frequency / rate), 1.0) + frequency / self.bpfo * phase
+                    found *= np.exp(1j * (first * turn + other))
+                signal[start : start + len(n)] += np.real(found)
         return signal
 
     @staticmethod
@@ -422,15 +425,13 @@ def row_of(sensors: tuple[Sensor, ...], sensor: Sensor | None) -> int:
     return sensors.index(sensor)
 
 
-def _series(
-    coefficients: NDArray[np.complex128], unit: NDArray[np.complex128], turned: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the real part of exp(i turned) sum c_k unit**k by Horner's rule."""
+def _series(coefficients: NDArray[np.complex128], unit: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Return the sum of c_k unit**k by Horner's rule."""
     total = np.full(unit.shape, coefficients[-1], dtype=np.complex128)
     for c in coefficients[-2::-1]:
         np.multiply(total, unit, out=total)
         np.add(total, c, out=total)
-    return np.real(total * np.exp(1j * turned))
+    return total
 
 
 def _at_multiples(values: NDArray[np.float64], turn: float, count: int) -> NDArray[np.complex128]:

@@ -25,6 +25,7 @@ from models.solve.six_dof.kernels.tangent import tangent_jacobian
 from models.solve.six_dof.periodic import effort_for
 from models.solve.six_dof.setup import (
     LEAST_IN_SEGMENT,
+    OF_RIG,
     check_scene,
     defect_arrays,
     operating_point,
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 Ended = Literal["reached", "returned", "points", "lost", "no_orbit"]
 
 _OF_SCENE, _OF_DEFECT = ("speed", "load", "clearance"), ("dphi_d", "h_d")
-PARAMETERS = (*_OF_SCENE, *_OF_DEFECT, "m_b", *Rig.uncertain)
+PARAMETERS = (*_OF_SCENE, *_OF_DEFECT, *OF_RIG)
 """Names of the parameters that a motion is followed along."""
 
 # Size of the state over its unit of length along the branch: so many points are spent on a motion that grows e-fold.

@@ -67,7 +67,7 @@ class SweepEvent:
         error: of ``value``, estimated: of the search, and the difference to a grid of half the steps.
         rms: full-bandwidth RMS of the casing there, m/s2.
         multiplier: nearest to the unit circle; NaN of partings and grazings.
-        stability: what becomes of it along the sweep: "lost", "regained", or "" where it does not change.
+        stability: "lost" or "regained" along the sweep, "" where it does not change.
         after: index of the point before it.
     """
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.six_dof.kernels.parts import MEANS, MOST_PARTS, SUMS, Room, advance, hold
+from models.solve.six_dof.kernels.parts import MEANS, MOST_PARTS, SUMS, Room, advance, hold, hold_closed
 from models.solve.six_dof.kernels.step import P_CLEARANCE, P_OMEGA, Balls, StepNodes, relative_motion
 
 if TYPE_CHECKING:
@@ -214,9 +214,7 @@ def retake(
     here, there, on = room.here, room.there, room.on
     fill_gaps(x1, x2, p, balls, nodes, n, np.int64(0), here)
     fill_gaps(y1, y2, p, balls, nodes, n, np.int64(2), there)
-    for j in range(on.shape[0]):
-        on[j] = here[0, j] > 0.0
-        hold(j, balls, room)
+    hold_closed(balls, room)
     since, beyond, grazing = _nearest(here, 1.0, reach), _nearest(there, -1.0, reach), 0
     at, target, sure = _first_event(room, h, np.int64(-1), grazing < _LOOKS)
     if target < 0 and not changed and not since < reach and not beyond < reach:

@@ -13,21 +13,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from models.platform.jit import inlined, kernel
-from models.solve.six_dof.kernels.instants import retake
-from models.solve.six_dof.kernels.parts import SUMS, Room, hold, make_room, path_within
+from models.solve.six_dof.kernels.instants import fill_gaps, retake
+from models.solve.six_dof.kernels.parts import SUMS, Room, fill_node, hold_closed, make_room
 from models.solve.six_dof.kernels.path import fill_path
 from models.solve.six_dof.kernels.period_setup import fill_turn
 from models.solve.six_dof.kernels.step import (
-    P_CLEARANCE,
-    P_DAMPING_I,
-    P_DAMPING_R,
-    P_INV_M,
-    P_INV_M_I,
-    P_INV_M_O,
     P_LOAD_1,
     P_OMEGA,
-    P_SQUARE_I,
-    P_SQUARE_R,
     P_U_1,
     P_U_2,
     Balls,
@@ -36,7 +28,7 @@ from models.solve.six_dof.kernels.step import (
     contact,
     forces,
     propagators,
-    relative_motion,
+    rate_of,
     step,
 )
 
@@ -241,19 +233,6 @@ def _whole(x1: Axis, x2: Axis, h: float, reach: float, held: HeldLane, n: int) -
 
 
 @inlined
-def _rates(x: Axis, f: float, p: NDArray[np.float64]) -> Axis:
-    """Return the rates of one axis under a contact force, N."""
-    return (
-        x[1],
-        -p[P_SQUARE_I] * x[0] - p[P_DAMPING_I] * x[1] - f * p[P_INV_M_I],
-        x[3],
-        f * p[P_INV_M],
-        x[5],
-        -p[P_SQUARE_R] * x[4] - p[P_DAMPING_R] * x[5] + f * p[P_INV_M_O],
-    )
-
-
-@inlined
 def _moved(x: Axis, rate: Axis, time: float) -> Axis:
     """Return one axis after a short time."""
     return (
@@ -278,29 +257,18 @@ def _write_slopes(
     """
     p, nodes, within, balls = held.parameter, held.nodes, held.room.within, held.room.balls
     if not known:
-        p1, p2, _, _, _ = relative_motion(x1, x2, p, 0.0, nodes.turn[row, 2 * end, 0], nodes.turn[row, 2 * end, 1])
-        moved, plain, count = held.balls.moved, held.balls.plain, held.balls.moved.shape[1]
-        for j in range(count + plain.shape[1]):
-            if j < count:
-                gap = p1 * moved[0, j] + p2 * moved[1, j] - p[P_CLEARANCE] - nodes.depth[row, 2 * end, j]
-            else:
-                gap = p1 * plain[0, j - count] + p2 * plain[1, j - count] - p[P_CLEARANCE]
-            held.room.on[j] = gap > 0.0
-            hold(j, held.balls, held.room)
+        fill_gaps(x1, x2, p, held.balls, nodes, row, np.int64(2 * end), held.room.here)
+        hold_closed(held.balls, held.room)
     rate_1, rate_2, time = x1, x2, 0.0
     slopes[:] = 0.0
     for k in range(3):
         place = end + (0.0 if k == 0 else _DIFFERENCE if k == 1 else -_DIFFERENCE)
-        path_within(place, np.int64(0), span, nodes, row, within)
-        angle = p[P_OMEGA] * span * place
-        c, s = math.cos(angle), math.sin(angle)
-        within.turn[0, 0, 0] = nodes.turn[row, 0, 0] * c - nodes.turn[row, 0, 1] * s
-        within.turn[0, 0, 1] = nodes.turn[row, 0, 1] * c + nodes.turn[row, 0, 0] * s
+        fill_node(place, np.int64(0), span, p[P_OMEGA], nodes, row, within)
         time = (place - end) * span
         z1, z2 = (x1, x2) if k == 0 else (_moved(x1, rate_1, time), _moved(x2, rate_2, time))
         f1, f2, _, _ = contact(z1, z2, p, balls, within, np.int64(0), np.int64(0), 0.0)
         if k == 0:
-            rate_1, rate_2 = _rates(x1, f1, p), _rates(x2, f2, p)
+            rate_1, rate_2 = rate_of(x1, f1, p), rate_of(x2, f2, p)
         else:
             a, b = accelerations(z1, z2, f1, f2, p)
             slopes[0] += 0.5 * a / time

@@ -148,6 +148,14 @@ def hold(j: Index, balls: Balls, room: Room) -> None:
 
 
 @inlined
+def hold_closed(balls: Balls, room: Room) -> None:
+    """Take those elements as in contact whose gap ``room.here`` says so."""
+    for j in range(room.on.shape[0]):
+        room.on[j] = room.here[0, j] > 0.0
+        hold(j, balls, room)
+
+
+@inlined
 def root_of(x: float, grade: Index) -> float:
     """Return the root of x whose power is ``grade``, 1 to 3."""
     return x if grade == 1 else math.sqrt(x) if grade == 2 else x ** (1.0 / 3.0)
@@ -177,6 +185,35 @@ def stretch(
         # So many that their error falls with the fourth power of the step.
         cells = math.ceil(CELLS_OF_ROLLERS * reach / h if rollers else CELLS_OF_BALLS * math.sqrt(reach / h))
     return grade, cells, root_of(offset, grade), root_of(offset + span, grade)
+
+
+@inlined
+def cell_at(
+    cell: int,
+    falls: bool,
+    grade: int,
+    width: float,
+    least: float,
+    most: float,
+    begin: float,
+    span: float,
+    offset: float,
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Return the times of start, middle and end of a cell of a stretch, s, and its weights (``stages``).
+
+    Args:
+        falls: whether the variable falls with the time: towards an instant.
+        grade, least, most: of ``stretch``; ``width``: of a cell in the variable.
+        begin, span: of the stretch, s; ``offset``: as there.
+    """
+    start = most - cell * width if falls else least + cell * width
+    end = start - width if falls else start + width
+    (t0, w0), (tm, wm), (t1, w1) = power_of(start, grade), power_of(0.5 * (start + end), grade), power_of(end, grade)
+    if falls:
+        t0, tm, t1 = begin + span + offset - t0, begin + span + offset - tm, begin + span + offset - t1
+    else:
+        t0, tm, t1 = begin + t0 - offset, begin + tm - offset, begin + t1 - offset
+    return (t0, tm, t1), (width * w0, width * wm, width * w1)
 
 
 @inlined
@@ -258,22 +295,11 @@ def advance(
         grade, cells, least, most = stretch(graded, offset, span, reach, h, rollers)
         width = (most - least) / cells
         for cell in range(cells):
-            start = most - cell * width if falls else least + cell * width
-            end = start - width if falls else start + width
-            (t0, w0), (tm, wm), (t1, w1) = (
-                power_of(start, grade),
-                power_of(0.5 * (start + end), grade),
-                power_of(end, grade),
-            )
-            if falls:
-                t0, tm, t1 = begin + span + offset - t0, begin + span + offset - tm, begin + span + offset - t1
-            else:
-                t0, tm, t1 = begin + t0 - offset, begin + tm - offset, begin + t1 - offset
+            (t0, tm, t1), weight = cell_at(cell, falls, grade, width, least, most, begin, span, offset)
             fill_node(t0 / h, np.int64(0), h, p[P_OMEGA], nodes, n, within)
             fill_node(tm / h, np.int64(1), h, p[P_OMEGA], nodes, n, within)
             fill_node(t1 / h, np.int64(2), h, p[P_OMEGA], nodes, n, within)
             e, f = propagators(p, 2.0 * (tm - t0)), propagators(p, 2.0 * (t1 - tm))
-            weight = (width * w0, width * wm, width * w1)
             y1, y2, (a1, a2), (b1, b2), (c1, c2), (u1, u2, g1, g2), _, _ = stages(
                 x1, x2, weight, e, f, p, forces, (room.balls, within), np.int64(0), 0.0
             )

@@ -340,6 +340,19 @@ def step(
 
 
 @inlined
+def rate_of(x: Axis, force: float, p: NDArray[np.float64]) -> Axis:
+    """Return the rate of one axis under a contact force, N, on the outer ring."""
+    return (
+        x[1],
+        -p[P_SQUARE_I] * x[0] - p[P_DAMPING_I] * x[1] - force * p[P_INV_M_I],
+        x[3],
+        force * p[P_INV_M],
+        x[5],
+        -p[P_SQUARE_R] * x[4] - p[P_DAMPING_R] * x[5] + force * p[P_INV_M_O],
+    )
+
+
+@inlined
 def accelerations(x1: Axis, x2: Axis, f1: float, f2: float, p: NDArray[np.float64]) -> tuple[float, float]:
     """Return those of outer ring and resonator in the sensor's direction, m/s2, from the state (Eq. 44)."""
     d1, d2 = p[P_DIRECTION_1], p[P_DIRECTION_2]

@@ -11,34 +11,32 @@ is before and after the instant gains and loses the time by which it moves.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from models.platform.jit import inlined, kernel
 from models.solve.six_dof.kernels.instants import change, fill_gaps, retake
 from models.solve.six_dof.kernels.orbit import STATE_SCALE
-from models.solve.six_dof.kernels.parts import SUMS, Room, fill_node, hold, make_room, power_of, stretch
+from models.solve.six_dof.kernels.parts import SUMS, Room, cell_at, fill_node, hold_closed, make_room, stretch
 from models.solve.six_dof.kernels.period import REACH, flow_row
 from models.solve.six_dof.kernels.step import (
     P_ALPHA,
     P_BETA,
     P_CLEARANCE,
-    P_DAMPING_I,
-    P_DAMPING_R,
     P_INV_M,
     P_INV_M_I,
     P_INV_M_O,
     P_K_C,
     P_OMEGA,
     P_SHARE_R,
-    P_SQUARE_I,
-    P_SQUARE_R,
     P_TURN,
     P_U_1,
     P_U_2,
+    Balls,
     forces,
     propagators,
+    rate_of,
     step,
 )
 from models.solve.six_dof.kernels.varied_step import (
@@ -64,19 +62,38 @@ if TYPE_CHECKING:
     Values = NDArray[np.float64]
 
 
+class Carrying(NamedTuple):
+    """What a period is carried with.
+
+    Attributes:
+        bounds, varied, shown: those of ``varied_period``.
+        room, total: of a step that is taken in parts (models.solve.six_dof.kernels.instants.retake).
+        spare: shifts of instants, what a value at a place counts, and rates of a state, one a row.
+    """
+
+    period: Period
+    bounds: Values
+    varied: Varied
+    columns: Columns
+    shown: Shown
+    room: Room
+    total: Values
+    spare: Values
+
+
+@inlined
+def _normal(j: Index, balls: Balls, c: float, s: float) -> tuple[float, float]:
+    """Return the direction of element j in the resting frame; ``c`` and ``s``: of the cage angle."""
+    many = balls.moved.shape[1]
+    m1 = balls.moved[0, j] if j < many else balls.plain[0, j - many]
+    m2 = balls.moved[1, j] if j < many else balls.plain[1, j - many]
+    return c * m1 - s * m2, s * m1 + c * m2
+
+
 @kernel
-def _fill_varied(
-    place: float,
-    node: Index,
-    h: float,
-    where: StepPlace,
-    n: Index,
-    room: Room,
-    varied: Varied,
-    columns: Columns,
-    period: Period,
-) -> None:
+def _fill_varied(place: float, node: Index, h: float, where: StepPlace, n: Index, work: Carrying) -> None:
     """Write how what is known beforehand changes at a place of step ``n``, as ``models...parts.path_within`` does."""
+    period, room, varied, columns = work.period, work.room, work.varied, work.columns
     last, half, s = varied.start.shape[0] - 1, 0.5 * h, 2.0 * place - 1.0
     for m in range(last):
         columns.angle[node, m] = turned_by(place, where, varied, m) + varied.start[m]
@@ -112,30 +129,13 @@ def _fill_varied(
                 columns.rate[q, node, j] = (2.0 * a2 + s * (6.0 * a3 + s * (12.0 * a4 + s * 20.0 * a5))) / (half * half)
 
 
-@inlined
-def _rate_of(x: Axis, force: float, p: Values) -> Axis:
-    """Return the rate of one axis under a contact force."""
-    return (
-        x[1],
-        -p[P_SQUARE_I] * x[0] - p[P_DAMPING_I] * x[1] - force * p[P_INV_M_I],
-        x[3],
-        force * p[P_INV_M],
-        x[5],
-        -p[P_SQUARE_R] * x[4] - p[P_DAMPING_R] * x[5] + force * p[P_INV_M_O],
-    )
-
-
 @kernel
-def _fill_gap_changes(
-    j: Index, x1: Axis, x2: Axis, period: Period, room: Room, node: Index, varied: Varied, columns: Columns, out: Values
-) -> None:
+def _fill_gap_changes(j: Index, x1: Axis, x2: Axis, node: Index, work: Carrying, out: Values) -> None:
     """Write the change of the gap of element j at a node by each column, (C + 1,)."""
+    period, room, varied, columns = work.period, work.room, work.varied, work.columns
     p, balls, within, share = period.parameter, period.balls, room.within, period.parameter[P_SHARE_R]
     many = balls.moved.shape[1]
-    m1 = balls.moved[0, j] if j < many else balls.plain[0, j - many]
-    m2 = balls.moved[1, j] if j < many else balls.plain[1, j - many]
-    c, s = within.turn[0, node, 0], within.turn[0, node, 1]
-    n1, n2 = c * m1 - s * m2, s * m1 + c * m2
+    n1, n2 = _normal(j, balls, within.turn[0, node, 0], within.turn[0, node, 1])
     u1, u2 = p[P_U_1] + x1[0] - x1[2] - share * x1[4], p[P_U_2] + x2[0] - x2[2] - share * x2[4]
     d = varied.parameter
     for k in range(out.shape[0]):
@@ -162,24 +162,15 @@ def _nearest(gaps: Values, on: NDArray[np.bool_], sign: float) -> int:
 
 
 @kernel
-def _fill_shift(
-    sign: float,
-    x1: Axis,
-    x2: Axis,
-    period: Period,
-    room: Room,
-    node: Index,
-    varied: Varied,
-    columns: Columns,
-    out: Values,
-) -> None:
+def _fill_shift(sign: float, x1: Axis, x2: Axis, node: Index, work: Carrying, out: Values) -> None:
     """Write by how much the instant beside a graded stretch is later by each column, s, (C + 1,)."""
+    period, room = work.period, work.room
     fill_gaps(x1, x2, period.parameter, period.balls, room.within, np.int64(0), node, room.there)
     j = _nearest(room.there, room.on, sign)
     if j < 0:
         out[:] = 0.0
         return
-    _fill_gap_changes(np.int64(j), x1, x2, period, room, node, varied, columns, out)
+    _fill_gap_changes(np.int64(j), x1, x2, node, work, out)
     rate = out[out.shape[0] - 1]
     for k in range(out.shape[0]):
         out[k] = -out[k] / rate if rate != 0.0 else 0.0
@@ -187,60 +178,52 @@ def _fill_shift(
 
 @kernel
 def _begin_stretch(
-    x1: Axis,
-    x2: Axis,
-    place: float,
-    falls: bool,
-    h: float,
-    where: StepPlace,
-    bounds: Values,
-    period: Period,
-    n: Index,
-    room: Room,
-    varied: Varied,
-    columns: Columns,
-    shown: Shown,
-    spare: Values,
+    x1: Axis, x2: Axis, place: float, falls: bool, h: float, where: StepPlace, n: Index, work: Carrying
 ) -> None:
     """Begin the column of a shift in time where a graded stretch begins, and where it is not after one, find it."""
+    bounds, period, room, varied, columns, shown, spare = (
+        work.bounds,
+        work.period,
+        work.room,
+        work.varied,
+        work.columns,
+        work.shown,
+        work.spare,
+    )
     p, within, last, zero = period.parameter, room.within, varied.start.shape[0] - 1, np.int64(0)
     fill_node(place, zero, h, p[P_OMEGA], period.nodes, n, within)
-    _fill_varied(place, zero, h, where, n, room, varied, columns, period)
+    _fill_varied(place, zero, h, where, n, work)
     f1, f2 = note_stage(x1, x2, p, room.balls, within, zero, zero, zero, varied, columns, last + 1, True)
-    put(_rate_of(x1, f1, p), _rate_of(x2, f2, p), columns.at, np.int64(12 + last))
+    put(rate_of(x1, f1, p), rate_of(x2, f2, p), columns.at, np.int64(12 + last))
     shown.change[12 + last] = 0.0
     force, lightness = sensed(x1, x2, f1, f2, p, np.int64(shown.sensor))
     boundary = spare[1, : shown.value.shape[0]]
     boundary[:] = 0.0
     add_end(phase_at(place, where, bounds), force * lightness, 1.0, p, shown, bounds[-1] / p[P_OMEGA], boundary)
     if not falls:
-        _fill_shift(1.0, x1, x2, period, room, zero, varied, columns, spare[0, : 13 + last])
+        _fill_shift(1.0, x1, x2, zero, work, spare[0, : 13 + last])
 
 
 @kernel
-def _end_stretch(
-    x1: Axis,
-    x2: Axis,
-    place: float,
-    falls: bool,
-    where: StepPlace,
-    bounds: Values,
-    period: Period,
-    room: Room,
-    varied: Varied,
-    columns: Columns,
-    shown: Shown,
-    spare: Values,
-) -> None:
+def _end_stretch(x1: Axis, x2: Axis, place: float, falls: bool, where: StepPlace, work: Carrying) -> None:
     """Add to each column what the shift of its instant makes of a stretch that ends."""
+    bounds, period, room, varied, columns, shown, spare = (
+        work.bounds,
+        work.period,
+        work.room,
+        work.varied,
+        work.columns,
+        work.shown,
+        work.spare,
+    )
     p, last, two, boundary = period.parameter, varied.start.shape[0] - 1, np.int64(2), spare[1, : shown.value.shape[0]]
     shift, rate = spare[0, : 13 + last], spare[2, :12]
     if falls:
-        _fill_shift(-1.0, x1, x2, period, room, two, varied, columns, shift)
+        _fill_shift(-1.0, x1, x2, two, work, shift)
     f1, f2 = note_stage(x1, x2, p, room.balls, room.within, np.int64(0), two, np.int64(3), varied, columns, last, True)
     force, lightness = sensed(x1, x2, f1, f2, p, np.int64(shown.sensor))
     add_end(phase_at(place, where, bounds), force * lightness, -1.0, p, shown, bounds[-1] / p[P_OMEGA], boundary)
-    r1, r2 = _rate_of(x1, f1, p), _rate_of(x2, f2, p)
+    r1, r2 = rate_of(x1, f1, p), rate_of(x2, f2, p)
     for i in range(6):
         rate[i], rate[6 + i] = r1[i], r2[i]
     for k in range(12 + last):
@@ -260,50 +243,39 @@ def _varied_part(
     h: float,
     reach: float,
     where: StepPlace,
-    bounds: Values,
-    period: Period,
     n: Index,
-    room: Room,
-    varied: Varied,
-    columns: Columns,
-    shown: Shown,
-    spare: Values,
+    work: Carrying,
 ) -> tuple[Axis, Axis]:
     """Carry axes and columns over a part of a step as ``models.solve.six_dof.kernels.parts.advance`` does."""
+    bounds, period, room, varied, columns, shown = (
+        work.bounds,
+        work.period,
+        work.room,
+        work.varied,
+        work.columns,
+        work.shown,
+    )
     p, within, balls, last = period.parameter, room.within, room.balls, varied.start.shape[0] - 1
     graded, duration = since < reach or until < reach, bounds[-1] / p[P_OMEGA]
     halves, zero = (2 if since < reach and until < reach else 1), np.int64(0)
-    count = last + 1 if graded else last
+    count, span = last + 1 if graded else last, (ends[1] - ends[0]) * h / halves
     for half in range(halves):
         falls = graded and not (since < reach and half == 0)
         offset = (until if falls else since) if graded else 0.0
-        span, begin = (ends[1] - ends[0]) * h / halves, ends[0] * h + half * (ends[1] - ends[0]) * h / halves
+        begin = ends[0] * h + half * span
         grade, cells, least, most = stretch(graded, offset, span, reach, h, balls.power != 0.5)
         width = (most - least) / cells
         if graded:
-            _begin_stretch(
-                *(x1, x2, begin / h, falls, h, where, bounds, period, n, room, varied, columns, shown, spare),
-            )
+            _begin_stretch(x1, x2, begin / h, falls, h, where, n, work)
         for cell in range(cells):
-            start = most - cell * width if falls else least + cell * width
-            end = start - width if falls else start + width
-            (t0, w0), (tm, wm), (t1, w1) = (
-                power_of(start, grade),
-                power_of(0.5 * (start + end), grade),
-                power_of(end, grade),
-            )
-            if falls:
-                t0, tm, t1 = begin + span + offset - t0, begin + span + offset - tm, begin + span + offset - t1
-            else:
-                t0, tm, t1 = begin + t0 - offset, begin + tm - offset, begin + t1 - offset
+            (t0, tm, t1), weight = cell_at(cell, falls, grade, width, least, most, begin, span, offset)
             for node in range(3):
                 place = (t0 if node == 0 else tm if node == 1 else t1) / h
                 fill_node(place, np.int64(node), h, p[P_OMEGA], period.nodes, n, within)
-                _fill_varied(place, np.int64(node), h, where, n, room, varied, columns, period)
+                _fill_varied(place, np.int64(node), h, where, n, work)
             e, f = propagators(p, 2.0 * (tm - t0)), propagators(p, 2.0 * (t1 - tm))
             fill_carry(p, tm - t0, e, varied, columns.width, columns.carry[0])
             fill_carry(p, t1 - tm, f, varied, columns.width, columns.carry[1])
-            weight = (width * w0, width * wm, width * w1)
             note_stage(x1, x2, p, balls, within, zero, zero, zero, varied, columns, count, True)
             add_row(
                 weight[0] / 6.0 / duration,
@@ -334,27 +306,22 @@ def _varied_part(
             )
             x1, x2 = y1, y2
         if graded:
-            _end_stretch(x1, x2, (begin + span) / h, falls, where, bounds, period, room, varied, columns, shown, spare)
+            _end_stretch(x1, x2, (begin + span) / h, falls, where, work)
     return x1, x2
 
 
 @kernel
-def _pass_instant(
-    x1: Axis,
-    x2: Axis,
-    target: Index,
-    place: float,
-    h: float,
-    where: StepPlace,
-    bounds: Values,
-    period: Period,
-    room: Room,
-    varied: Varied,
-    columns: Columns,
-    shown: Shown,
-    spare: Values,
-) -> None:
+def _pass_instant(x1: Axis, x2: Axis, target: Index, place: float, h: float, where: StepPlace, work: Carrying) -> None:
     """Change the contacts at the end of a part, and the columns by the jump of the force there."""
+    bounds, period, room, varied, columns, shown, spare = (
+        work.bounds,
+        work.period,
+        work.room,
+        work.varied,
+        work.columns,
+        work.shown,
+        work.spare,
+    )
     p, balls, two = period.parameter, period.balls, np.int64(2)
     last, many, duration = varied.start.shape[0] - 1, balls.moved.shape[1], bounds[-1] / p[P_OMEGA]
     share, sensor, later = p[P_SHARE_R], np.int64(shown.sensor), spare[0, : 12 + last]
@@ -370,16 +337,14 @@ def _pass_instant(
         rate = room.there[1, j]
         if before[j] == room.on[j] or rate == 0.0:
             continue
-        m1 = balls.moved[0, j] if j < many else balls.plain[0, j - many]
-        m2 = balls.moved[1, j] if j < many else balls.plain[1, j - many]
-        n1, n2 = c * m1 - s * m2, s * m1 + c * m2
+        n1, n2 = _normal(np.int64(j), balls, c, s)
         speed = w1 * n1 + w2 * n2 - (room.within.rate[0, 2, j] if j < many else 0.0)
         # What is left of the gap, within the tolerance of the instant, has a root that is not small.
         pressed = max(room.there[0, j], 0.0)
         root = math.sqrt(pressed) if balls.power == 0.5 else pressed**balls.power
         jump = p[P_K_C] * pressed * root + (p[P_ALPHA] + p[P_BETA] * root) * speed
         jump *= 1.0 if room.on[j] else -1.0
-        _fill_gap_changes(np.int64(j), x1, x2, period, room, two, varied, columns, later)
+        _fill_gap_changes(np.int64(j), x1, x2, two, work, later)
         force, lightness = sensed(x1, x2, f1, f2, p, sensor)
         f1, f2 = f1 + jump * n1, f2 + jump * n2
         force_after, _ = sensed(x1, x2, f1, f2, p, sensor)
@@ -400,42 +365,21 @@ def _pass_instant(
 
 @kernel
 def _varied_retaken(
-    x1: Axis,
-    x2: Axis,
-    h: float,
-    e: Flow,
-    reach: float,
-    where: StepPlace,
-    bounds: Values,
-    period: Period,
-    n: Index,
-    room: Room,
-    varied: Varied,
-    columns: Columns,
-    shown: Shown,
-    total: Values,
-    spare: Values,
+    x1: Axis, x2: Axis, h: float, e: Flow, reach: float, where: StepPlace, n: Index, work: Carrying
 ) -> tuple[Axis, Axis]:
     """Carry axes and columns over a step that is taken in parts."""
+    period, room = work.period, work.room
     p, balls, nodes, zero = period.parameter, period.balls, period.nodes, np.int64(0)
     y1, y2, _, _, _, _ = step(x1, x2, h, e, p, forces, (balls, nodes), n, reach)
-    retake(x1, x2, y1, y2, h, reach, True, p, balls, nodes, n, room, total)
+    retake(x1, x2, y1, y2, h, reach, True, p, balls, nodes, n, room, work.total)
     marks = room.marks.copy()
     fill_node(0.0, zero, h, p[P_OMEGA], nodes, n, room.within)
     fill_gaps(x1, x2, p, balls, nodes, n, zero, room.here)
-    for j in range(room.on.shape[0]):
-        room.on[j] = room.here[0, j] > 0.0
-        hold(j, balls, room)
+    hold_closed(balls, room)
     for part in range(marks.shape[0]):
         mark = marks[part]
-        x1, x2 = _varied_part(
-            *(x1, x2, (mark[0], mark[1]), mark[2], mark[3], h, reach, where, bounds),
-            *(period, n, room, varied, columns, shown, spare),
-        )
-        _pass_instant(
-            *(x1, x2, np.int64(mark[4]), mark[1], h, where, bounds),
-            *(period, room, varied, columns, shown, spare),
-        )
+        x1, x2 = _varied_part(x1, x2, (mark[0], mark[1]), mark[2], mark[3], h, reach, where, n, work)
+        _pass_instant(x1, x2, np.int64(mark[4]), mark[1], h, where, work)
         if mark[1] == 1.0:
             break
     return x1, x2
@@ -443,20 +387,10 @@ def _varied_retaken(
 
 @kernel
 def _varied_run(
-    x1: Axis,
-    x2: Axis,
-    h: float,
-    e: Flow,
-    segment: int,
-    n: int,
-    trace: PeriodTrace,
-    bounds: Values,
-    period: Period,
-    varied: Varied,
-    columns: Columns,
-    shown: Shown,
+    x1: Axis, x2: Axis, h: float, e: Flow, segment: int, n: int, trace: PeriodTrace, work: Carrying
 ) -> tuple[Axis, Axis, int]:
     """Carry axes and columns over steps from n on, up to the end of the segment or to one in parts, and return it."""
+    bounds, period, varied, columns, shown = work.bounds, work.period, work.varied, work.columns, work.shown
     p, balls, nodes, first, zero = period.parameter, period.balls, period.nodes, period.first, np.int64(0)
     last, steps, two, three = varied.start.shape[0] - 1, first[segment + 1] - first[segment], np.int64(2), np.int64(3)
     fill_carry(p, 0.5 * h, e, varied, columns.width, columns.carry[0])
@@ -495,9 +429,9 @@ def varied_period(
         shown: what is wanted; its sums are written.
     """
     p, balls, nodes, first, flow = period.parameter, period.balls, period.nodes, period.first, period.flow
-    columns, room = make_columns(varied, balls.moved.shape[1]), make_room(balls, nodes)
-    last = varied.start.shape[0] - 1
-    total, spare = np.zeros(SUMS), np.zeros((3, max(14 + last, shown.value.shape[0])))
+    columns, last = make_columns(varied, balls.moved.shape[1]), varied.start.shape[0] - 1
+    spare = np.zeros((3, max(14 + last, shown.value.shape[0])))
+    work = Carrying(period, bounds, varied, columns, shown, make_room(balls, nodes), np.zeros(SUMS), spare)
     shown.value[:] = 0.0
     shown.change[:] = 0.0
     x1 = (state[0, 0], state[0, 1], state[0, 2], state[0, 3], state[0, 4], state[0, 5])
@@ -515,12 +449,10 @@ def varied_period(
         while n < first[segment + 1]:
             if trace.changed[n]:
                 where = StepPlace(segment, (n - first[segment]) / steps, 1.0 / steps, bounds[-1])
-                x1, x2 = _varied_retaken(
-                    x1, x2, h, e, reach, where, bounds, period, n, room, varied, columns, shown, total, spare
-                )
+                x1, x2 = _varied_retaken(x1, x2, h, e, reach, where, n, work)
                 n += 1
             else:
-                x1, x2, n = _varied_run(x1, x2, h, e, segment, n, trace, bounds, period, varied, columns, shown)
+                x1, x2, n = _varied_run(x1, x2, h, e, segment, n, trace, work)
     after = np.empty(12)
     for i in range(6):
         after[i], after[6 + i] = x1[i], x2[i]
